@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Renders and scores the test views of a trained model.
+
+python eval.py with the flags of train.py writes CHECKPOINT_DIR/eval: pictures in a
+folder per output (enhanced/, dark/, v/, ...), metrics.json and index.html.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import jax
+
+from internal import cli, evaluation, image_io, pages, parallel, progress, run_folder
+from internal.checkpoints import load_trained
+from internal.image import from_uint16
+from internal.pictures import EXPLANATIONS, display_for, pictures
+from internal.renderer import Renderer
+
+
+def main(argv: Sequence[str]) -> int:
+    """Evaluates the newest checkpoint."""
+    config = cli.parse_config("Render and score the test views.", argv)
+    mesh = parallel.data_mesh(jax.device_count())
+    model, state = load_trained(config, mesh)
+    scene = cli.load_split(config, "test")
+    renderer = Renderer(model, scene.cameras, scene.space, mesh, config.render.chunk)
+    folder = Path(config.checkpoint_dir) / "eval"
+
+    display = None
+    views: dict[str, evaluation.Scores] = {}
+    written: dict[str, list[tuple[str, str]]] = {}
+    names = scene.view_names
+    for index, name in enumerate(
+        progress.track(names, len(names), "evaluating", "view")
+    ):
+        rendering = renderer.view(state.params, index)
+        display = display or display_for(rendering)
+        dark = from_uint16(scene.images[index])
+        truth = from_uint16(scene.truth[index]) if scene.truth else None
+        views[name] = evaluation.score_view(rendering, dark, truth)
+        shown = {**pictures(rendering, display), "input": dark}
+        if truth is not None:
+            shown["truth"] = truth
+        for output, picture in shown.items():
+            path = Path(output) / f"{Path(name).stem}.png"
+            run_folder.make_folder(folder / output)
+            image_io.write(folder / path, picture)
+            written.setdefault(output, []).append((path.as_posix(), name))
+
+    mean = evaluation.mean_scores(views)
+    result = {"step": int(state.step), "views": views, "mean": mean}
+    run_folder.write_text(folder / "metrics.json", json.dumps(result, indent=2) + "\n")
+    table = evaluation.score_table(mean, "Scores, mean over test views")
+    pages.write_index(
+        folder,
+        f"{scene.name}: test views at step {int(state.step)}",
+        "Views that training never saw, rendered by the trained model.",
+        [table, *(_section(output, media) for output, media in written.items())],
+    )
+    print(f"{evaluation.as_text(table)}\n{folder / 'index.html'}")
+    return 0
+
+
+def _section(output: str, media: list[tuple[str, str]]) -> pages.Section:
+    others = {"input": "the dark photo", "truth": "the normal-light photo"}
+    return pages.Section(output, {**EXPLANATIONS, **others}[output], tuple(media))
+
+
+if __name__ == "__main__":
+    cli.run_script(main)

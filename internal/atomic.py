@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files that appear under their name only when they are whole."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+from internal.errors import UserError
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[Path]:
+    """Yields the name to write to, in the same folder, and then renames it to ``path``.
+
+    Nothing is left behind when the body fails. The name's ending is kept.
+
+    Raises:
+        UserError: the folder cannot be written or the disk is full.
+    """
+    partial = path.with_name(f".partial-{path.name}")
+    try:
+        yield partial
+        partial.replace(path)
+    except OSError as error:
+        raise UserError(
+            f"{path}: cannot write ({error.strerror}); free space or pick a folder"
+        ) from error
+    finally:
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)

@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""COLMAP: lens models and reconstructions (the only module that imports pycolmap).
+
+Frames: COLMAP cameras are OpenCV (x right, y down, z forwards); everything that
+leaves this module is OpenGL (x right, y up, z backwards). Pixel coordinates are
+(x, y) with (0.5, 0.5) at the centre of the top-left pixel.
+"""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from jaxtyping import Float
+
+from internal.cameras import Lens
+from internal.errors import UserError
+
+pycolmap.logging.minloglevel = 2  # it reports every file it reads on stderr
+
+MODEL_FOLDERS = ("sparse/0", "sparse", "colmap_sparse/0", "colmap/sparse/0")
+# Beyond this angle from the axis, depth is no measure of distance along a ray.
+WIDEST_DEPTH_ANGLE = math.radians(84.0)
+ROUND_TRIP_TOLERANCE = 0.05  # pixels
+OPENGL_FROM_OPENCV = np.array([1.0, -1.0, -1.0])
+
+# A lens with one focal length, the lens of two that contains it, and the zeros
+# which that one appends: scaling the axes apart is then exact.
+_TWO_FOCALS = {
+    "SIMPLE_PINHOLE": ("PINHOLE", 0),
+    "SIMPLE_RADIAL": ("OPENCV", 3),
+    "RADIAL": ("OPENCV", 2),
+    "SIMPLE_RADIAL_FISHEYE": ("OPENCV_FISHEYE", 3),
+    "RADIAL_FISHEYE": ("OPENCV_FISHEYE", 2),
+    "SIMPLE_DIVISION": ("DIVISION", 0),
+    "SIMPLE_FISHEYE": ("FISHEYE", 0),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Reconstruction:
+    """The registered images of a COLMAP model, sorted by name."""
+
+    names: tuple[str, ...]  # as COLMAP stores them, with any subfolder
+    lenses: tuple[Lens, ...]
+    camtoworlds: Float[np.ndarray, "n 3 4"]  # OpenGL
+    points: Float[np.ndarray, "m 3"]
+
+
+def lens_directions(lens: Lens) -> Float[np.ndarray, "pixels 3"]:
+    """Directions through all pixel centres, row by row from the top-left one.
+
+    OpenGL camera frame, float32. They have depth 1 (z = -1) if ``has_depth``,
+    else unit length: a lens that sees sideways has no plane at depth 1.
+
+    Raises:
+        UserError: the lens is invalid, or a pixel has no direction.
+    """
+    rays = _rays(lens, _pixel_centres(lens).reshape(-1, 2))
+    if has_depth(lens):
+        rays = rays / -rays[:, 2:]
+    return rays.astype(np.float32)
+
+
+def has_depth(lens: Lens) -> bool:
+    """Whether every pixel looks forwards, so that depth measures its ray."""
+    return half_angle(lens) < WIDEST_DEPTH_ANGLE
+
+
+def half_angle(lens: Lens) -> float:
+    """Largest angle in radians between the optical axis and a border pixel's ray.
+
+    Raises:
+        UserError: the lens is invalid, or a border pixel has no direction.
+    """
+    if _camera(lens).is_spherical():
+        return math.pi
+    pixels = _pixel_centres(lens)
+    border = [pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]]
+    depths = -_rays(lens, np.concatenate(border))[:, 2]
+    return float(np.arccos(np.clip(depths, -1.0, 1.0)).max())
+
+
+def project(lens: Lens, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 2"]:
+    """Pixel coordinates of points in the OpenGL camera frame.
+
+    NaN for points at wider angles than any border pixel: behind the camera, or
+    where a distortion polynomial would fold them back into the picture.
+    """
+    if len(points) == 0:
+        return np.empty((0, 2))
+    pixels = np.asarray(_camera(lens).img_from_cam(points * OPENGL_FROM_OPENCV))
+    distances = np.linalg.norm(points, axis=-1, keepdims=True)
+    seen = -points[:, 2:] >= math.cos(half_angle(lens)) * distances
+    return np.where(seen, pixels, np.nan)
+
+
+def scale_lens(lens: Lens, width: int, height: int) -> Lens:
+    """The lens of the same view sampled at ``width`` by ``height`` pixels.
+
+    Exact when the axes scale apart: a model with a single focal length becomes
+    the equivalent model with two.
+    """
+    if (width, height) == (lens.width, lens.height):
+        return lens
+    if width * lens.height != height * lens.width:
+        lens = _with_two_focals(lens)
+    camera = _camera(lens)
+    camera.rescale(width, height)
+    return _lens(camera)
+
+
+def focal_lengths(lens: Lens) -> tuple[float, float]:
+    """(fx, fy) in pixels; for a panorama, pixels per radian at its centre."""
+    camera = _camera(lens)
+    if camera.is_spherical():  # pycolmap crashes when asked for its focal length
+        return lens.width / (2.0 * math.pi), lens.height / math.pi
+    return float(camera.focal_length_x), float(camera.focal_length_y)
+
+
+def find_model(data_dir: Path) -> Path | None:
+    """The first of ``MODEL_FOLDERS`` that holds a whole model, text or binary."""
+    for folder in (data_dir / name for name in MODEL_FOLDERS):
+        for ending in (".bin", ".txt"):
+            parts = ("cameras", "images", "points3D")
+            if all((folder / f"{part}{ending}").is_file() for part in parts):
+                return folder
+    return None
+
+
+def read_model(folder: Path) -> Reconstruction:
+    """Reads a sparse model, binary or text, of any COLMAP version.
+
+    Raises:
+        UserError: files are missing or broken, or no image is registered.
+    """
+    try:
+        model = pycolmap.Reconstruction(str(folder))
+        images = sorted(
+            (model.image(i) for i in model.reg_image_ids()), key=lambda i: i.name
+        )
+        lenses = tuple(_lens(model.camera(image.camera_id)) for image in images)
+    except (ValueError, IndexError, RuntimeError, MemoryError) as error:
+        reason = str(error).splitlines()[0]
+        raise UserError(
+            f"{folder}: not a readable COLMAP model ({reason}); expected cameras, "
+            "images and points3D, all .bin or all .txt: export the model again"
+        ) from error
+    if not images:
+        raise UserError(
+            f"{folder}: the COLMAP model has no registered image; run the mapper "
+            "again, on brightened copies of the photos if they are very dark"
+        )
+    camtoworlds = [i.cam_from_world().inverse().matrix() for i in images]
+    points = [point.xyz for point in model.points3D.values()]
+    return Reconstruction(
+        names=tuple(image.name for image in images),
+        lenses=lenses,
+        camtoworlds=np.stack(camtoworlds) * np.append(OPENGL_FROM_OPENCV, 1.0),
+        points=np.array(points, np.float64).reshape(-1, 3),
+    )
+
+
+def _camera(lens: Lens) -> pycolmap.Camera:
+    """The pycolmap twin of a lens, checked: pycolmap accepts anything."""
+    described = f"lens {lens.model} {lens.params}"
+    if lens.model not in pycolmap.CameraModelId.__members__ or lens.model == "INVALID":
+        known = sorted(set(pycolmap.CameraModelId.__members__) - {"INVALID"})
+        raise UserError(f"{described}: unknown model; COLMAP has {', '.join(known)}")
+    camera = pycolmap.Camera(
+        model=lens.model,
+        width=lens.width,
+        height=lens.height,
+        params=list(lens.params),
+    )
+    if not camera.verify_params():
+        raise UserError(f"{described}: expected parameters ({camera.params_info})")
+    focals = [lens.params[i] for i in camera.focal_length_idxs()]
+    if not all(map(math.isfinite, lens.params)) or min(focals, default=1.0) <= 0.0:
+        raise UserError(
+            f"{described}: parameters ({camera.params_info}) must be finite and "
+            "focal lengths positive; calibrate again"
+        )
+    if min(lens.width, lens.height) <= 0:
+        raise UserError(f"{described}: empty picture {lens.width}x{lens.height}")
+    return camera
+
+
+def _lens(camera: pycolmap.Camera) -> Lens:
+    return Lens(
+        camera.model.name,
+        camera.width,
+        camera.height,
+        tuple(float(param) for param in camera.params),
+    )
+
+
+def _pixel_centres(lens: Lens) -> Float[np.ndarray, "height width 2"]:
+    x, y = np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5
+    return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def _with_two_focals(lens: Lens) -> Lens:
+    if lens.model not in _TWO_FOCALS:
+        return lens
+    model, zeros = _TWO_FOCALS[lens.model]
+    params = (lens.params[0], *lens.params, *(0.0,) * zeros)
+    return dataclasses.replace(lens, model=model, params=params)
+
+
+def _rays(lens: Lens, pixels: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 3"]:
+    """Unit rays through pixel coordinates, checked by projecting them back.
+
+    pycolmap inverts distortions by Newton steps, which may end at a wrong root or
+    nowhere when a polynomial leaves the range that it was fitted on.
+    """
+    camera = _camera(lens)
+    rays = np.asarray(camera.cam_ray_from_img(pixels))
+    error = np.abs(np.asarray(camera.img_from_cam(rays)) - pixels).max(axis=-1)
+    lost = ~(error < ROUND_TRIP_TOLERANCE)
+    if lost.any():
+        x, y = pixels[lost][0]
+        raise UserError(
+            f"lens {lens.model} {lens.params}: {lost.sum()} of {len(pixels)} pixels "
+            f"have no direction, e.g. ({x:g}, {y:g}) of {lens.width}x{lens.height}; "
+            "calibrate with fewer distortion terms, or undistort the photos first "
+            "(colmap image_undistorter)"
+        )
+    return rays * OPENGL_FROM_OPENCV

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Configuration: small frozen dataclasses, filled by gin (only here).
+
+Paper values are the defaults; every other value stands in a file of ``configs/``.
+"""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import gin
+from beartype import BeartypeConf, beartype
+from beartype.roar import BeartypeCallHintViolation
+
+from internal.errors import UserError
+
+# What gin raises for unknown names, bad syntax, missing includes.
+_GIN_ERRORS = (ValueError, TypeError, SyntaxError, OSError, RuntimeError)
+
+_configurable: Any = gin.configurable
+_typed: Any = beartype(conf=BeartypeConf(is_pep484_tower=True))
+
+
+@_configurable("Model")
+@_typed
+@dataclasses.dataclass(frozen=True)
+class ModelConfig:
+    """The field, its sampling and the enhancement network."""
+
+    decomposition: bool = True  # False: plain mip-NeRF without v, r and phi
+    num_samples: tuple[int, ...] = (128, 128)  # per level of hierarchical sampling
+    resample_padding: float = 0.01  # mip-NeRF, Eq. 17
+    ray_shape: str = "auto"  # cone, cylinder; auto: cylinder in NDC
+    depth: int = 8  # hidden layers of F_density
+    width: int = 256
+    skip: int = 4  # every so many layers the encoding enters again
+    max_deg: int = 16  # of the integrated positional encoding
+    deg_view: int = 4
+    head_width: int = 128  # hidden width of F1, F2 and phi
+    density_noise: float = 1.0  # std, training only
+    gamma0: float = 2.2  # paper, Eq. 4
+
+
+@_configurable("Losses")
+@_typed
+@dataclasses.dataclass(frozen=True)
+class LossConfig:
+    """Weights and constants of the losses; a weight of 0 removes a term."""
+
+    data_eps: float = 1e-3  # epsilon_2
+    coarse: float = 0.1  # data term of the levels before the last
+    distortion: float = 0.01
+    exposure: float = 0.1  # L_c1
+    exposure_target: float = 0.55  # e, sRGB
+    gray: float = 0.1  # L_c2; lambda_1 = gray / exposure
+    gray_bias: float = 0.5  # beta_1
+    gamma_norm: float = 0.01  # L_c3; lambda_2 = gamma_norm / exposure
+    alpha_smooth: float = 0.1  # L_sa
+    gamma_smooth: float = 0.1  # L_sg
+    smooth_eps: float = 1e-4  # epsilon_1
+    smooth_beta: float = 1.5
+
+
+@_configurable("Optimizer")
+@_typed
+@dataclasses.dataclass(frozen=True)
+class OptimizerConfig:
+    """Adam for the field and, from ``Train.enhance_start``, a fresh one for phi."""
+
+    lr_init: float = 1e-3
+    lr_final: float = 1e-5
+    warmup_steps: int = 2500
+    warmup_factor: float = 0.01
+    phi_lr_init: float = 1e-3
+    phi_lr_final: float = 1e-4
+    clip_value: float = 0.1  # per element, then
+    clip_norm: float = 0.1  # per group (field, phi)
+
+
+@_configurable("Train")
+@_typed
+@dataclasses.dataclass(frozen=True)
+class TrainConfig:
+    """The schedule of one run."""
+
+    max_steps: int = 105_000
+    enhance_start: int = 100_000  # first step of the enhancement losses
+    batch_size: int = 1024  # centre pixels; each brings its neighbours
+    neighbors: int = 2  # right and below, for L_s; 0: none
+    seed: int = 0
+    log_every: int = 100
+    checkpoint_every: int = 5000
+    checkpoints_kept: int = 2
+    preview_every: int = 5000  # TensorBoard pictures of the first test view
+
+
+@_configurable("Render")
+@_typed
+@dataclasses.dataclass(frozen=True)
+class RenderConfig:
+    """Camera path, light edit and size of what render.py writes."""
+
+    path: str = "spiral"  # spiral, ellipse, views, or a JSON file
+    frames: int = 120
+    fps: int = 30
+    chunk: int = 4096  # rays per call; lower it when memory runs out
+    strength: float = 1.0  # 0: dark, 1: enhanced
+    exposure: float = 0.0  # stops
+    temperature: float = 6500.0  # kelvin; 6500 is neutral
+
+
+@_configurable("Config")
+@_typed
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Where the scene is, how to read it, where results go; and all the rest."""
+
+    data_dir: str = ""
+    checkpoint_dir: str = ""
+    dataset_loader: str = "auto"
+    factor: int = 1
+    images_dir: str = ""  # other folder of input pictures, paired by name
+    gt_dir: str = ""  # folder of normal-light truth, paired by name
+    near: float = 0.0  # depth in the pose file's units; 0: from file or points
+    far: float = 0.0
+    projection: str = "auto"  # ndc, contract; auto: from the poses
+    holdout: int = 8  # every n-th view is a test view where files state no split
+    max_image_memory: float = 4.0  # GB of pictures on a device; more are streamed
+    model: ModelConfig = dataclasses.field(default_factory=ModelConfig)
+    losses: LossConfig = dataclasses.field(default_factory=LossConfig)
+    optimizer: OptimizerConfig = dataclasses.field(default_factory=OptimizerConfig)
+    train: TrainConfig = dataclasses.field(default_factory=TrainConfig)
+    render: RenderConfig = dataclasses.field(default_factory=RenderConfig)
+
+
+def load_config(files: Sequence[str], bindings: Sequence[str]) -> Config:
+    """Parses gin files, then bindings, and checks every name and type.
+
+    Raises:
+        UserError: a file is missing, a name is unknown or a value has a wrong type.
+    """
+    gin.clear_config()
+    for file in files:
+        if not Path(file).is_file():
+            raise UserError(f"{file}: no such gin file; see configs/")
+    try:
+        gin.parse_config_files_and_bindings(list(files), list(bindings))
+        config = Config()
+    except (BeartypeCallHintViolation, *_GIN_ERRORS) as error:
+        raise UserError(f"gin: {' '.join(str(error).split())[:400]}") from error
+    finally:
+        gin.clear_config()
+    _check(config)
+    return config
+
+
+def _check(config: Config) -> None:
+    """Rejects values that have the right type and no meaning."""
+    model, train = config.model, config.train
+    rules = {
+        "Config.factor >= 1": config.factor >= 1,
+        "Model.num_samples: one or more positive counts": len(model.num_samples) > 0
+        and min(model.num_samples) > 0,
+        "Model.ray_shape: auto, cone or cylinder": model.ray_shape
+        in ("auto", "cone", "cylinder"),
+        "Train.neighbors: 0 or 2": train.neighbors in (0, 2),
+        "Train.neighbors = 2 for the smoothness loss of a decomposition": (
+            train.neighbors == 2 or not model.decomposition
+        ),
+        "Train.max_steps >= 1": train.max_steps >= 1,
+        "Train.batch_size >= 1": train.batch_size >= 1,
+    }
+    for rule, holds in rules.items():
+        if not holds:
+            raise UserError(f"gin: a binding breaks the rule: {rule}")
+
+
+def to_json(config: Config) -> str:
+    """The whole configuration, for the run folder."""
+    return json.dumps(dataclasses.asdict(config), indent=2) + "\n"

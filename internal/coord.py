@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Spaces in which a ray is sampled and encoded.
+
+``s`` is normalised distance in [0, 1] along a ray, ``t`` is distance in the units
+of the ray's direction vector, so that a sample sits at ``origin + t * direction``.
+A *space* says how world-frame rays enter it, how s becomes t, how a Gaussian is
+warped before it is encoded, and how far away t is in scene units.
+"""
+
+from typing import Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import struct
+from jax import Array
+from jaxtyping import Float
+
+from internal import mip
+
+
+@runtime_checkable
+class Space(Protocol):
+    """What the sampler and the field need to know about a scene's extent."""
+
+    def enter(
+        self, origins: Float[Array, "*b 3"], directions: Float[Array, "*b 3"]
+    ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
+        """Carries rays from the world into this space."""
+        ...
+
+    def s_to_t(self, s: Float[Array, "*b"]) -> Float[Array, "*b"]:
+        """Normalised distance to distance along the ray."""
+        ...
+
+    def warp(
+        self,
+        mean: Float[Array, "*b 3"],
+        directions: Float[Array, "*b 3"],
+        t_var: Float[Array, "*b 1"],
+        r_var: Float[Array, "*b 1"],
+    ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
+        """Means and per-axis variances of Gaussians along rays, where the encoding
+        looks them up. ``t_var`` is along the ray (in units of t), ``r_var`` across."""
+        ...
+
+    def depth(self, t: Float[Array, "*b"]) -> Float[Array, "*b"]:
+        """Depth along the camera's axis in scene units."""
+        ...
+
+
+@struct.dataclass
+class ForwardFacing:
+    """Normalised device coordinates: the frustum becomes a cube (NeRF, App. C).
+
+    ``scale`` is (2 fx / width, 2 fy / height); the near plane is at depth 1.
+    """
+
+    scale: Float[Array | np.ndarray, " 2"]
+
+    def enter(
+        self, origins: Float[Array, "*b 3"], directions: Float[Array, "*b 3"]
+    ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
+        return world_to_ndc(origins, directions, jnp.asarray(self.scale))
+
+    def s_to_t(self, s: Float[Array, "*b"]) -> Float[Array, "*b"]:
+        return s
+
+    def warp(
+        self,
+        mean: Float[Array, "*b 3"],
+        directions: Float[Array, "*b 3"],
+        t_var: Float[Array, "*b 1"],
+        r_var: Float[Array, "*b 1"],
+    ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
+        return mean, mip.lift_variance(directions, t_var, r_var)
+
+    def depth(self, t: Float[Array, "*b"]) -> Float[Array, "*b"]:
+        return 1.0 / jnp.maximum(1.0 - t, 1e-3)
+
+
+@struct.dataclass
+class Unbounded:
+    """World coordinates between ``near`` and ``far``, sampled evenly in 1 / t and
+    contracted into a ball of radius 2 (mip-NeRF 360, Eqs. 9-11)."""
+
+    near: Float[Array | np.ndarray | np.floating, ""]
+    far: Float[Array | np.ndarray | np.floating, ""]
+
+    def enter(
+        self, origins: Float[Array, "*b 3"], directions: Float[Array, "*b 3"]
+    ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
+        return origins, directions
+
+    def s_to_t(self, s: Float[Array, "*b"]) -> Float[Array, "*b"]:
+        return 1.0 / (s / self.far + (1.0 - s) / self.near)
+
+    def warp(
+        self,
+        mean: Float[Array, "*b 3"],
+        directions: Float[Array, "*b 3"],
+        t_var: Float[Array, "*b 1"],
+        r_var: Float[Array, "*b 1"],
+    ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
+        cov = mip.lift_covariance(directions, t_var, r_var)
+        warped_mean, warped_cov = contract_gaussians(mean, cov)
+        return warped_mean, jnp.diagonal(warped_cov, axis1=-2, axis2=-1)
+
+    def depth(self, t: Float[Array, "*b"]) -> Float[Array, "*b"]:
+        return t
+
+
+def world_to_ndc(
+    origins: Float[Array, "*b 3"],
+    directions: Float[Array, "*b 3"],
+    scale: Float[Array, " 2"],
+    near: float = 1.0,
+) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
+    """Rays in OpenGL world frame to NDC (NeRF, Eqs. 25-26, exact for any centre).
+
+    The new origin is where the ray meets the plane z = -near (t = 0) and the new
+    end, at t = 1, is its point at infinity.
+    """
+    t = -(near + origins[..., 2:]) / directions[..., 2:]
+    origins = origins + t * directions
+    ox, oy, oz = jnp.moveaxis(origins, -1, 0)
+    dx, dy, dz = jnp.moveaxis(directions, -1, 0)
+    origins_ndc = jnp.stack(
+        [-scale[0] * ox / oz, -scale[1] * oy / oz, -jnp.ones_like(oz)], axis=-1
+    )
+    infinity_ndc = jnp.stack(
+        [-scale[0] * dx / dz, -scale[1] * dy / dz, jnp.ones_like(oz)], axis=-1
+    )
+    return origins_ndc, infinity_ndc - origins_ndc
+
+
+def contract(x: Float[Array, "*b 3"]) -> Float[Array, "*b 3"]:
+    """Identity inside the unit ball, (2 - 1/|x|) x/|x| outside (mip-NeRF 360, Eq. 10).
+
+    The norm is floored at 1 inside the square root, so the gradient is finite at 0.
+    """
+    squared = jnp.maximum(jnp.sum(x**2, axis=-1, keepdims=True), 1.0)
+    return x * (2.0 * jnp.sqrt(squared) - 1.0) / squared
+
+
+def contract_gaussians(
+    mean: Float[Array, "*b 3"], cov: Float[Array, "*b 3 3"]
+) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3 3"]]:
+    """Pushes Gaussians through ``contract`` to first order (mip-NeRF 360, Eq. 9)."""
+    flat = mean.reshape(-1, 3)
+    jacobian = jax.vmap(jax.jacfwd(contract))(flat).reshape(cov.shape)
+    warped = jnp.einsum("...ij,...jk,...lk->...il", jacobian, cov, jacobian)
+    return contract(mean), warped

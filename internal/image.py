@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Colour maths of pictures: sRGB, linear light, 8-bit rounding, exposure matching.
+
+Arrays are ``[..., 3]``. ``srgb`` is display-coded in [0, 1]; ``linear_rgb`` is
+proportional to light. Every function takes NumPy or JAX arrays and returns JAX
+arrays, unless its name says ``uint8``.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import ArrayLike, Float, UInt8, UInt16
+
+
+def srgb_to_linear(srgb: ArrayLike) -> Float[Array, "..."]:
+    """IEC 61966-2-1 decoding, sRGB in [0, 1] to linear light in [0, 1]."""
+    srgb = jnp.asarray(srgb)
+    power = ((jnp.maximum(srgb, 0.04045) + 0.055) / 1.055) ** 2.4
+    return jnp.where(srgb <= 0.04045, srgb / 12.92, power)
+
+
+def linear_to_srgb(linear_rgb: ArrayLike) -> Float[Array, "..."]:
+    """IEC 61966-2-1 encoding, linear light to sRGB; values above 1 stay above 1."""
+    linear_rgb = jnp.asarray(linear_rgb)
+    power = 1.055 * jnp.maximum(linear_rgb, 0.0031308) ** (1 / 2.4) - 0.055
+    return jnp.where(linear_rgb <= 0.0031308, linear_rgb * 12.92, power)
+
+
+def to_uint8(srgb: ArrayLike) -> UInt8[np.ndarray, "..."]:
+    """Clips to [0, 1] and rounds to 8 bits, as a PNG stores it."""
+    return np.round(np.clip(np.asarray(srgb), 0.0, 1.0) * 255.0).astype(np.uint8)
+
+
+def quantize(srgb: ArrayLike) -> Float[np.ndarray, "..."]:
+    """The float32 values in [0, 1] that an 8-bit file of ``srgb`` holds."""
+    return to_uint8(srgb).astype(np.float32) / 255.0
+
+
+def from_uint16(levels: UInt16[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Stored pictures (65535 is 1.0) as float32 in [0, 1]."""
+    return levels.astype(np.float32) / 65535.0

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's losses, one function per term, as numbers without weights.
+
+Colours are display-coded (sRGB), rays come in patches ``[patches, 3]`` of a pixel,
+its right and its lower neighbour wherever a loss looks at neighbours.
+``docs/method.md`` says where these forms differ from the authors' release and why.
+"""
+
+import jax.numpy as jnp
+from jax import Array
+from jax.lax import stop_gradient
+from jaxtyping import Float
+
+
+def data_loss(
+    rgb: Float[Array, "*b 3"], target: Float[Array, "*b 3"], *, eps: float
+) -> Float[Array, ""]:
+    """Log-linearised data term (paper, Sec. 4.3; RawNeRF, Eq. 4).
+
+    The squared error in log(c + eps), linearised around the prediction, so that an
+    error of one level counts more in the dark. A prediction above 1 equals a
+    clipped pixel.
+    """
+    clipped = jnp.minimum(rgb, 1.0)
+    return jnp.mean(((clipped - target) / (stop_gradient(clipped) + eps)) ** 2)
+
+
+def exposure_loss(enhanced: Float[Array, "*b 3"], *, target: float) -> Float[Array, ""]:
+    """L_c1 = E[(c_hat - e)^2] (paper, Eq. 8, first term), on the channel mean: the
+    colour is left to the gray-world term."""
+    return jnp.mean((jnp.mean(enhanced, axis=-1) - target) ** 2)
+
+
+def gray_world_loss(
+    enhanced: Float[Array, "*b 3"], r: Float[Array, "*b 3"], *, bias: float
+) -> Float[Array, ""]:
+    """L_c2 = E[var_c(c_hat) / (beta_1 + var_c(r))] (paper, Eq. 8, second term).
+
+    ``r`` is first divided by its largest channel: v * r leaves the scale of r open,
+    and a saturated colour must relax the term at any scale.
+    """
+    basis = r / (jnp.max(r, axis=-1, keepdims=True) + 1e-6)
+    return jnp.mean(jnp.var(enhanced, axis=-1) / (bias + jnp.var(basis, axis=-1)))
+
+
+def gamma_norm_loss(gamma_energy: Float[Array, "*b 1"]) -> Float[Array, ""]:
+    """L_c3 = ||gamma||^2 (paper, Eq. 8, third term), averaged over channels where
+    the ray meets something: weighted along rays, so empty space does not count."""
+    return jnp.mean(gamma_energy) / 3.0
+
+
+def smoothness_loss(
+    coefficient: Float[Array, "patches 3 c"],
+    v: Float[Array, "patches 3 1"],
+    *,
+    beta: float,
+    eps: float,
+) -> Float[Array, ""]:
+    """L_sa or L_sg (paper, Eqs. 10-11): squared differences of an integrated
+    coefficient to the right and below, relative to those of log v, halved."""
+    log_v = jnp.log(stop_gradient(v) + eps)
+    total = jnp.zeros(())
+    for neighbor in (1, 2):
+        change = (coefficient[:, 0] - coefficient[:, neighbor]) ** 2
+        edge = (log_v[:, 0] - log_v[:, neighbor]) ** 2
+        total = total + jnp.mean(change / (beta * edge + eps))
+    return 0.5 * total

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Progress of long work: what is done, how fast, how long it still takes.
+
+On a terminal a moving bar; in a log file a plain line every few seconds.
+"""
+
+import sys
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
+from tqdm import tqdm
+
+from internal.configs import TrainConfig
+
+T = TypeVar("T")
+
+SECONDS_BETWEEN_LOG_LINES = 10.0
+
+
+class _LogLines(tqdm):
+    """A tqdm that ends each refresh with a new line instead of moving."""
+
+    @staticmethod
+    def status_printer(file):
+        def print_status(text: str) -> None:
+            if text:
+                file.write(text + "\n")
+
+        return print_status
+
+
+def bar(total: int, label: str, unit: str, initial: int = 0) -> tqdm:
+    """A progress bar with rate and ETA; ``update(n)``, ``set_postfix_str``, ``close``.
+
+    Args:
+        total: count of ``unit`` that is the end.
+        initial: how many an earlier run already did.
+    """
+    if sys.stderr.isatty():
+        return tqdm(
+            total=total, desc=label, unit=unit, initial=initial, dynamic_ncols=True
+        )
+    return _LogLines(
+        total=total,
+        desc=label,
+        unit=unit,
+        initial=initial,
+        mininterval=SECONDS_BETWEEN_LOG_LINES,
+        ncols=150,
+        ascii=True,
+    )
+
+
+def track(items: Iterable[T], total: int, label: str, unit: str) -> Iterator[T]:
+    """Yields items and shows how many are done."""
+    with bar(total, label, unit) as shown:
+        for item in items:
+            yield item
+            shown.update()
+
+
+def describe(numbers: dict[str, float], shown: tqdm, train: TrainConfig) -> str:
+    """PSNR, rays per second and loss terms of a training step, for the bar."""
+    rate = shown.format_dict["rate"]
+    if not rate:
+        rate = (shown.n - shown.initial) / max(shown.format_dict["elapsed"], 1e-3)
+    rays = rate * train.batch_size * (train.neighbors + 1)
+    terms = " ".join(
+        f"{name.removeprefix('loss/')} {value:.2g}"
+        for name, value in numbers.items()
+        if name.startswith("loss/") and value
+    )
+    return f"PSNR {numbers['psnr']:.1f} dB, {rays:,.0f} rays/s, {terms}"

@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Volume rendering: density to weights, weights to pixels (paper, Eq. 2)."""
+
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+
+def compute_weights(
+    density: Float[Array, "*b n"],
+    t_edges: Float[Array, "*b n_edges"],
+    directions: Float[Array, "*b 3"],
+) -> Float[Array, "*b n"]:
+    """w_i = (1 - exp(-sigma_i delta_i)) exp(-sum_{j<i} sigma_j delta_j), Eq. 2.
+
+    The last interval is opaque: whatever light is left ends there, so that the
+    weights of a ray sum to one and a dark pixel cannot be explained by emptiness.
+    """
+    lengths = jnp.linalg.norm(directions, axis=-1, keepdims=True)
+    optical = density * jnp.diff(t_edges, axis=-1) * lengths
+    transmittance = jnp.exp(-(jnp.cumsum(optical, axis=-1) - optical))
+    alpha = 1.0 - jnp.exp(-optical)
+    alpha = jnp.concatenate([alpha[..., :-1], jnp.ones_like(alpha[..., -1:])], -1)
+    return alpha * transmittance
+
+
+def composite(
+    weights: Float[Array, "*b n"], values: Float[Array, "*b n c"]
+) -> Float[Array, "*b c"]:
+    """The weighted sum of a quantity along each ray."""
+    return jnp.einsum("...n,...nc->...c", weights, values)

@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The train step: one pure function from (state, pixels) to (state, numbers).
+
+Total loss = data + coarse * data of the coarse levels + distortion
+           + L_c (exposure, gray world, norm of gamma) + L_s (alpha, gamma),
+L_c and L_s from ``Train.enhance_start`` on. The field learns from the first three
+terms alone, phi from the others alone; each has its own Adam.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import optax
+from flax import struct
+from jax import Array
+from jaxtyping import ArrayLike, Float, PRNGKeyArray
+
+from internal import losses, parallel, stepfun
+from internal.cameras import Cameras, Rays, cast_rays
+from internal.configs import Config, LossConfig, OptimizerConfig, TrainConfig
+from internal.coord import ForwardFacing, Space
+from internal.editing import NEUTRAL
+from internal.errors import Diverged
+from internal.models import Level, LitRendering, Model
+from internal.sampler import PixelSource, step_keys
+
+Params = Any  # flax's nested dictionary of arrays by module name
+Terms = dict[str, Float[Array, ""]]  # weighted loss terms by name
+
+
+@struct.dataclass
+class TrainState:
+    """All that a checkpoint holds; ``step`` counts the finished steps."""
+
+    step: Any  # int32 scalar, or its shape and type where only these are known
+    params: Params
+    opt_state: optax.OptState
+
+
+@struct.dataclass
+class StepStats:
+    """What a step reports. A step whose terms or gradients are not finite leaves
+    the state as it was, so the state is always the last good one."""
+
+    terms: Terms
+    grad_norms: Terms  # of the field and of phi, before clipping
+    psnr: Float[Array, ""]  # dark rendering against this batch's pixels
+    finite: Array
+
+
+def make_optimizer(
+    optimizer: OptimizerConfig, train: TrainConfig
+) -> optax.GradientTransformation:
+    """Clipped Adam for the field over the whole run; for phi one that starts fresh
+    at ``enhance_start``, with a schedule of its own."""
+
+    def started(step: ArrayLike, **_: object) -> Array:
+        return jnp.asarray(step) >= train.enhance_start
+
+    def group(schedule: optax.Schedule) -> optax.GradientTransformation:
+        return optax.chain(
+            optax.clip(optimizer.clip_value),
+            optax.clip_by_global_norm(optimizer.clip_norm),
+            optax.adam(schedule),
+        )
+
+    phi_steps = max(train.max_steps - train.enhance_start, 1)
+    return optax.partition(
+        {
+            "field": group(field_schedule(optimizer, train.max_steps)),
+            "phi": optax.transforms.conditionally_transform(
+                group(
+                    optax.exponential_decay(
+                        optimizer.phi_lr_init,
+                        phi_steps,
+                        optimizer.phi_lr_final / optimizer.phi_lr_init,
+                    )
+                ),
+                started,
+            ),
+        },
+        lambda params: {name: name for name in params},
+    )
+
+
+def field_schedule(optimizer: OptimizerConfig, max_steps: int) -> optax.Schedule:
+    """Log-linear decay with a warm-up."""
+    return optax.warmup_exponential_decay_schedule(
+        init_value=optimizer.lr_init * optimizer.warmup_factor,
+        peak_value=optimizer.lr_init,
+        warmup_steps=optimizer.warmup_steps,
+        transition_steps=max(max_steps - optimizer.warmup_steps, 1),
+        decay_rate=optimizer.lr_final / optimizer.lr_init,
+    )
+
+
+def initial_state(config: Config, model: Model) -> TrainState:
+    """Fresh parameters and optimiser state from ``Train.seed``."""
+    ray = jnp.ones((1, 3))
+    rays = Rays(ray, ray, ray, jnp.ones((1, 1)))
+    space = ForwardFacing(jnp.ones(2))
+    key = jax.random.key(config.train.seed)
+    params = jax.jit(model.init)(key, rays, space, NEUTRAL)["params"]
+    optimizer = make_optimizer(config.optimizer, config.train)
+    return TrainState(jnp.zeros((), jnp.int32), params, optimizer.init(params))
+
+
+def field_terms(
+    config: LossConfig, levels: list[Level], rgb: Float[Array, "rays 3"]
+) -> Terms:
+    """Weighted terms that teach the field."""
+    data = [losses.data_loss(x.rgb, rgb, eps=config.data_eps) for x in levels]
+    spread = stepfun.distortion(levels[-1].s_edges, levels[-1].weights)
+    return {
+        "data": data[-1],
+        "coarse": config.coarse * sum(data[:-1], jnp.zeros(())),
+        "distortion": config.distortion * jnp.mean(spread),
+    }
+
+
+def phi_terms(
+    config: LossConfig, rendering: LitRendering, patches: int, neighbors: int
+) -> Terms:
+    """Weighted terms that teach phi: L_c and L_s of the paper."""
+    members = (patches, neighbors + 1, -1)
+    smooth = functools.partial(
+        losses.smoothness_loss,
+        v=rendering.v.reshape(members),
+        beta=config.smooth_beta,
+        eps=config.smooth_eps,
+    )
+    return {
+        "exposure": config.exposure
+        * losses.exposure_loss(rendering.enhanced, target=config.exposure_target),
+        "gray": config.gray
+        * losses.gray_world_loss(
+            rendering.enhanced, rendering.r, bias=config.gray_bias
+        ),
+        "gamma_norm": config.gamma_norm
+        * losses.gamma_norm_loss(rendering.gamma_energy),
+        "alpha_smooth": config.alpha_smooth * smooth(rendering.alpha.reshape(members)),
+        "gamma_smooth": config.gamma_smooth * smooth(rendering.gamma.reshape(members)),
+    }
+
+
+def make_train_step(
+    config: Config, model: Model, mesh: jax.sharding.Mesh
+) -> Callable[[TrainState, Cameras, Space, PixelSource], tuple[TrainState, StepStats]]:
+    """Builds the pure step; the caller jits it and donates the state.
+
+    The batch is split over ``mesh``; the losses are means over all of it, so the
+    result does not depend on how many devices share the work. Since phi's losses
+    stop at phi and the field's never reach it, each gets a gradient of its own, and
+    phi costs nothing before ``enhance_start``.
+    """
+    train = config.train
+    optimizer = make_optimizer(config.optimizer, train)
+    march: Any = functools.partial(model.apply, method="march")
+    light_up: Any = functools.partial(model.apply, method="light_up")
+
+    def field_loss(
+        params: Params,
+        rgb: Float[Array, "rays 3"],
+        rays: Rays,
+        space: Space,
+        key: PRNGKeyArray,
+    ) -> tuple[Float[Array, ""], tuple[list[Level], Terms]]:
+        levels = march({"params": {"field": params}}, rays, space, key)
+        terms = field_terms(config.losses, levels, rgb)
+        return sum(terms.values(), jnp.zeros(())), (levels, terms)
+
+    def phi_loss(
+        params: Params, level: Level, space: Space
+    ) -> tuple[Float[Array, ""], Terms]:
+        rendering = light_up({"params": {"phi": params}}, level, space, NEUTRAL)
+        terms = phi_terms(config.losses, rendering, train.batch_size, train.neighbors)
+        return sum(terms.values(), jnp.zeros(())), terms
+
+    def train_step(
+        state: TrainState, cameras: Cameras, space: Space, source: PixelSource
+    ) -> tuple[TrainState, StepStats]:
+        pixel_key, render_key = step_keys(train.seed, state.step)
+        batch = source.batch(pixel_key, cameras, train, state.step)
+        batch = jax.lax.with_sharding_constraint(batch, parallel.batch_sharding(mesh))
+        pixels = jax.tree.map(jnp.ravel, batch.pixels)
+        rgb = jnp.reshape(batch.rgb(), (-1, 3))
+        rays = cast_rays(cameras, space, pixels.view, pixels.x, pixels.y)
+
+        grads = {}
+        grads["field"], (levels, terms) = jax.grad(field_loss, has_aux=True)(
+            state.params["field"], rgb, rays, space, render_key
+        )
+        if config.model.decomposition:
+            phi_gradient = functools.partial(
+                jax.grad(phi_loss, has_aux=True), level=levels[-1], space=space
+            )
+            shapes = jax.eval_shape(phi_gradient, state.params["phi"])
+            grads["phi"], enhancement_terms = jax.lax.cond(
+                state.step >= train.enhance_start,
+                phi_gradient,
+                lambda _: optax.tree.zeros_like(shapes),
+                state.params["phi"],
+            )
+            terms = terms | enhancement_terms
+
+        grad_norms = {name: optax.global_norm(tree) for name, tree in grads.items()}
+        numbers = jnp.stack([*terms.values(), *grad_norms.values()])
+        finite = jnp.all(jnp.isfinite(numbers))
+        updates, opt_state = optimizer.update(grads, state.opt_state, state.params)
+        updated = TrainState(
+            state.step + 1, optax.apply_updates(state.params, updates), opt_state
+        )
+        kept = jax.tree.map(
+            lambda new, old: jnp.where(finite, new, old), updated, state
+        )
+        error = jnp.clip(levels[-1].rgb, 0.0, 1.0) - rgb
+        return kept, StepStats(terms, grad_norms, psnr(error), finite)
+
+    return train_step
+
+
+def psnr(error: Float[Array, "*b"]) -> Float[Array, ""]:
+    """Peak signal-to-noise ratio in dB of errors of values in [0, 1], 100 at most."""
+    return -10.0 * jnp.log10(jnp.maximum(jnp.mean(error**2), 1e-10))
+
+
+def check_finite(stats: StepStats | None, step: int) -> None:
+    """Waits for a step and stops the run if anything in it was not finite.
+
+    Raises:
+        Diverged: names the step and the loss terms or, failing these, the
+            gradients that were NaN or infinite.
+    """
+    if stats is None or stats.finite:
+        return
+    bad_terms = [f"loss {k}" for k, x in stats.terms.items() if not jnp.isfinite(x)]
+    bad_grads = [k for k, x in stats.grad_norms.items() if not jnp.isfinite(x)]
+    names = bad_terms or [f"gradient of the {name}" for name in bad_grads]
+    raise Diverged(
+        f"step {step}: not finite: {', '.join(names)}; the last checkpoint is intact: "
+        "lower Optimizer.lr_init or the weight of that loss in another run"
+    )
+
+
+def summarize(stats: StepStats) -> dict[str, float]:
+    """A step's numbers for logs: psnr, loss/*, grad_norm/*."""
+    numbers = {"psnr": stats.psnr}
+    numbers |= {f"loss/{name}": x for name, x in stats.terms.items()}
+    numbers |= {f"grad_norm/{name}": x for name, x in stats.grad_norms.items()}
+    return {name: float(x) for name, x in numbers.items()}

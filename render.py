@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Renders a camera path of a trained model to videos, under any light edit.
+
+python render.py with the flags of train.py writes CHECKPOINT_DIR/render/PATH. The
+path and the light are bindings: "Render.path = 'spiral'" (ellipse, views, or a JSON
+file), "Render.exposure = 0.5" (stops), "Render.temperature = 4000.0" (kelvin),
+"Render.strength = 0.7" (0 dark, 1 enhanced). Run again, it renders what is missing.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import jax
+
+from internal import cli, image, image_io, pages, parallel, progress, run_folder, video
+from internal.checkpoints import load_trained
+from internal.editing import light_edit
+from internal.pictures import EXPLANATIONS, display_for, pictures
+from internal.renderer import Renderer
+from internal.trajectory import path_cameras
+
+# The result comes first; the others explain it.
+OUTPUTS = ("enhanced", "dark", "v", "r", "depth")
+
+
+def main(argv: Sequence[str]) -> int:
+    """Renders the frames that are missing, then the videos."""
+    config = cli.parse_config("Render a camera path.", argv)
+    render = config.render
+    edit = light_edit(render.strength, render.exposure, render.temperature)
+    mesh = parallel.data_mesh(jax.device_count())
+    model, state = load_trained(config, mesh)
+    scene = cli.load_split(config, "train")
+    cameras = path_cameras(scene, render)
+    renderer = Renderer(model, cameras, scene.space, mesh, render.chunk)
+    display = display_for(renderer.view(state.params, 0))
+
+    light = {
+        "strength": render.strength,
+        "exposure": render.exposure,
+        "temperature": render.temperature,
+    }
+    settings = {"step": int(state.step), "frames": len(cameras), **light}
+    folder = Path(config.checkpoint_dir) / "render" / Path(render.path).stem
+    outputs = OUTPUTS if config.model.decomposition else ("dark", "depth")
+    for output in outputs:
+        run_folder.make_folder(folder / output)
+    forget_other_frames(folder, settings)
+
+    frames = range(len(cameras))
+    for frame in progress.track(frames, len(frames), "rendering", "frame"):
+        files = {output: folder / output / f"{frame:04d}.png" for output in outputs}
+        if not all(file.is_file() for file in files.values()):
+            shown = pictures(renderer.view(state.params, frame, edit), display)
+            for output, file in files.items():
+                image_io.write(file, shown[output])
+
+    if not video.available():
+        print("no videos: PyAV is missing (pip install -e '.[video]'); frames are kept")
+        return 0
+    for output in outputs:
+        pngs = (folder / output / f"{frame:04d}.png" for frame in frames)
+        stills = (image.to_uint8(image_io.read_srgb(png)) for png in pngs)
+        video.write_video(stills, folder / f"{output}.mp4", render.fps)
+        print(folder / f"{output}.mp4")
+    media = tuple((f"{output}.mp4", EXPLANATIONS[output]) for output in outputs)
+    used = ", ".join(f"{name} {value}" for name, value in light.items())
+    page = pages.write_index(
+        folder,
+        f"{scene.name}: {render.path} at step {settings['step']}",
+        f"Light: {used}. The frames of each video are in the folder of its name.",
+        [pages.Section("Videos", "The result first.", media)],
+    )
+    print(page)
+    return 0
+
+
+def forget_other_frames(folder: Path, settings: dict[str, float]) -> None:
+    """Removes frames of an earlier run with other settings; keeps those of this."""
+    record = folder / "settings.json"
+    if record.is_file() and json.loads(record.read_text()) != settings:
+        print(f"{folder}: rendered with other settings before, rendering anew")
+        for frame in folder.glob("*/[0-9][0-9][0-9][0-9].png"):
+            frame.unlink()
+    run_folder.write_text(record, json.dumps(settings, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    cli.run_script(main)

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trains and scores variants of a configuration on one scene, and compares them.
+
+python sweep.py FLAGS OF train.py --variants configs/ablations/*.gin \
+    "gray=0.2: Losses.gray = 0.2"
+
+A variant is a gin file, or a label, a colon and bindings with ; between them. Each
+runs in CHECKPOINT_DIR/NAME on top of the flags; the flags alone are the variant
+"full". Writes table.md, table.csv and sheet.png. Run again, it does what is missing.
+"""
+
+import argparse
+import csv
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from internal import cli, configs, contact_sheet, evaluation, image_io, run_folder
+from internal.errors import UserError
+from internal.pages import Table
+
+PICTURES = ("input", "enhanced", "v", "r", "truth")
+
+
+def main(argv: Sequence[str]) -> int:
+    """Runs what is missing, then writes the table and the sheet."""
+    parser = argparse.ArgumentParser(description="Compare variants on a scene.")
+    cli.add_gin_flags(parser)
+    parser.add_argument("--variants", nargs="*", default=[], metavar="VARIANT")
+    flags = parser.parse_args(argv)
+    folder = Path(
+        configs.load_config(flags.gin_configs, flags.gin_bindings).checkpoint_dir
+    )
+    variants = {"full": ([], [])} | dict(map(parse_variant, flags.variants))
+    for index, (name, (files, bindings)) in enumerate(variants.items()):
+        print(f"== variant {index + 1} of {len(variants)}: {name}", flush=True)
+        run = folder / name
+        own = [f"Config.checkpoint_dir = {str(run)!r}"]
+        arguments = [f"--gin_configs={x}" for x in (*flags.gin_configs, *files)]
+        arguments += [
+            f"--gin_bindings={x}" for x in (*flags.gin_bindings, *bindings, *own)
+        ]
+        if is_done(run, arguments):
+            print("done before")
+            continue
+        for script in ("train.py", "eval.py"):
+            here = Path(__file__).parent / script
+            code = subprocess.run([sys.executable, str(here), *arguments]).returncode
+            if code:
+                return code
+        run_folder.write_text(run / "sweep_arguments.json", json.dumps(arguments))
+    write_comparison(folder, list(variants))
+    return 0
+
+
+def parse_variant(text: str) -> tuple[str, tuple[list[str], list[str]]]:
+    """(name, (gin files, bindings)) of a variant in the command's words."""
+    if text.endswith(".gin"):
+        return Path(text).stem, ([text], [])
+    name, colon, bindings = text.partition(":")
+    if not colon or "/" in name:
+        raise UserError(
+            f"variant {text!r}: expected a .gin file or 'NAME: BINDING; BINDING'"
+        )
+    return name.strip(), ([], [binding.strip() for binding in bindings.split(";")])
+
+
+def is_done(run: Path, arguments: list[str]) -> bool:
+    """Whether this variant was trained and scored with these arguments."""
+    record = run / "sweep_arguments.json"
+    return (
+        record.is_file()
+        and json.loads(record.read_text()) == arguments
+        and (run / "eval" / "metrics.json").is_file()
+    )
+
+
+def write_comparison(folder: Path, names: list[str]) -> None:
+    """Writes table.md, table.csv (mean scores) and sheet.png (the first test view)."""
+    results = {
+        name: json.loads((folder / name / "eval" / "metrics.json").read_text())
+        for name in names
+    }
+    scores = {name: result["mean"] for name, result in results.items()}
+    columns = [
+        (picture, metric)
+        for picture in ("enhanced", "dark")
+        for metric in evaluation.DEFINITIONS
+        if any(metric in row.get(picture, {}) for row in scores.values())
+    ]
+    headers = ("variant", *(f"{picture} {metric}" for picture, metric in columns))
+    rows = tuple(
+        (
+            name,
+            *(
+                f"{row[picture][metric]:.3f}" if metric in row.get(picture, {}) else ""
+                for picture, metric in columns
+            ),
+        )
+        for name, row in scores.items()
+    )
+    table = evaluation.as_text(Table("", "", headers, rows))
+    run_folder.write_text(folder / "table.md", table + "\n")
+    with (folder / "table.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([headers, *rows])
+
+    view = Path(next(iter(results[names[0]]["views"]))).stem
+    files = [[folder / n / "eval" / p / f"{view}.png" for p in PICTURES] for n in names]
+    blank = image_io.read_srgb(files[0][0]) * 0.0
+    pictures = [
+        [image_io.read_srgb(file) if file.is_file() else blank for file in row]
+        for row in files
+    ]
+    sheet = contact_sheet.contact_sheet(pictures, names, PICTURES)
+    image_io.write(folder / "sheet.png", sheet)
+    print(f"{table}\n{folder / 'table.md'}\n{folder / 'sheet.png'}")
+
+
+if __name__ == "__main__":
+    cli.run_script(main)

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What all tests share: fake devices, a tiny model, tiny scenes."""
+
+import os
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from internal.cameras import Cameras
+from internal.configs import Config, load_config
+from internal.coord import ForwardFacing
+
+# Tests compile much and compute little. Scripts that tests start inherit this.
+os.environ["XLA_FLAGS"] = " ".join(
+    [
+        os.environ.get("XLA_FLAGS", ""),
+        "--xla_backend_optimization_level=0",
+        "--xla_llvm_disable_expensive_passes=true",
+    ]
+)
+
+# Four CPU devices, so that every run tests what several GPUs would do.
+jax.config.update("jax_num_cpu_devices", 4)
+
+TINY_MODEL = (
+    "Model.num_samples = (6, 7)",
+    "Model.depth = 2",
+    "Model.width = 16",
+    "Model.head_width = 8",
+    "Model.max_deg = 4",
+    "Train.batch_size = 8",
+    "Train.max_steps = 6",
+    "Train.enhance_start = 3",
+    "Train.log_every = 2",
+    "Train.checkpoint_every = 3",
+    "Train.preview_every = 6",
+    "Optimizer.warmup_steps = 2",
+    "Render.chunk = 64",
+    "Render.frames = 3",
+)
+
+
+@pytest.fixture(scope="session")
+def tiny_config() -> Config:
+    """A decomposed model so small that a step compiles in a second or two."""
+    return load_config([], TINY_MODEL)
+
+
+@pytest.fixture(scope="session")
+def tiny_cameras() -> Cameras:
+    """Three pinhole views of 10 x 8 pixels, side by side, looking along -z."""
+    width, height, views = 10, 8, 3
+    y, x = np.meshgrid(np.arange(height) + 0.5, np.arange(width) + 0.5, indexing="ij")
+    directions = np.stack([(x - 5) / 10, -(y - 4) / 10, -np.ones_like(x)], axis=-1)
+    camtoworlds = np.tile(np.eye(4)[:3], (views, 1, 1))
+    camtoworlds[:, 0, 3] = np.linspace(-0.2, 0.2, views)
+    return Cameras(
+        camtoworlds=jnp.float32(camtoworlds),
+        directions=jnp.float32(directions.reshape(-1, 3)),
+        table_starts=jnp.zeros(views, jnp.int32),
+        widths=jnp.full(views, width, jnp.int32),
+        heights=jnp.full(views, height, jnp.int32),
+    )
+
+
+@pytest.fixture(scope="session")
+def tiny_images() -> tuple[np.ndarray, ...]:
+    """Dark noise for the three tiny views, uint16 sRGB."""
+    rng = np.random.default_rng(0)
+    return tuple(rng.integers(0, 16000, (8, 10, 3)).astype(np.uint16) for _ in range(3))
+
+
+@pytest.fixture(scope="session")
+def ndc() -> ForwardFacing:
+    """The forward-facing space of the tiny cameras."""
+    return ForwardFacing(jnp.array([2.0, 2.5]))
+
+
+@pytest.fixture(scope="session")
+def captures() -> Path:
+    """The folder of real captures; tests that need it skip where it is absent."""
+    default = Path(__file__).parents[2] / "shared" / "data"
+    folder = Path(os.environ.get("LLNERF_DATA", default))
+    if not folder.is_dir():
+        pytest.skip(f"no real captures in {folder} (set LLNERF_DATA)")
+    return folder

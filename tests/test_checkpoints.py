@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Checkpoints: round trip, the last few, failures in one line."""
+
+import chex
+import jax
+import pytest
+
+from internal import parallel
+from internal.checkpoints import Checkpoints
+from internal.errors import UserError
+from internal.models import Model
+from internal.training import initial_state
+
+
+@pytest.fixture(scope="module")
+def state(tiny_config):
+    return initial_state(tiny_config, Model(tiny_config.model))
+
+
+def at_step(state, step):
+    return state.replace(step=state.step + step)
+
+
+def test_what_is_restored_is_what_was_saved_and_old_ones_go(state, tmp_path):
+    mesh = parallel.data_mesh(4)
+    with Checkpoints(tmp_path, kept=2) as checkpoints:
+        assert checkpoints.latest_step() is None
+        for step in (1, 2, 3):
+            checkpoints.save(at_step(state, step))
+        checkpoints.save(at_step(state, 3))
+        restored = checkpoints.restore(jax.eval_shape(lambda: state), mesh)
+    chex.assert_trees_all_equal(restored, at_step(state, 3))
+    kept = sorted(p.name for p in (tmp_path / "checkpoints").iterdir())
+    assert [name for name in kept if name.isdigit()] == ["2", "3"]
+
+
+def test_a_full_disk_names_the_step_and_keeps_what_was_saved(
+    state, tmp_path, monkeypatch
+):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    with Checkpoints(tmp_path, kept=2) as checkpoints:
+        checkpoints.save(at_step(state, 1))
+        with monkeypatch.context() as patch:
+            patch.setattr(checkpoints._manager, "save", full)
+            with pytest.raises(UserError, match=r"step 2 could not be saved .*space"):
+                checkpoints.save(at_step(state, 2))
+        assert checkpoints.latest_step() == 1
+
+
+def test_an_unwritable_folder_is_one_line(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(UserError, match="cannot be written"):
+        Checkpoints(tmp_path / "file", kept=1)

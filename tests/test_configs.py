@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Configuration: every file loads, every field is used, every mistake is named."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+
+from internal import configs
+from internal.configs import Config, load_config
+from internal.errors import UserError
+
+ROOT = Path(__file__).parents[1]
+FILES = sorted(ROOT.glob("configs/**/*.gin"))
+
+
+@pytest.fixture(autouse=True)
+def at_the_root(monkeypatch):
+    monkeypatch.chdir(ROOT)
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda f: f.stem)
+def test_every_file_loads_and_says_what_it_is(file):
+    load_config([str(file)], [])
+    assert file.read_text().startswith("# ")
+
+
+def test_the_papers_file_holds_the_defaults():
+    assert load_config(["configs/llnerf.gin"], []) == load_config([], [])
+
+
+def test_later_bindings_win_and_do_not_leak_into_the_next_load():
+    changed = load_config(["configs/llnerf_small.gin"], ["Model.width = 7"])
+    assert changed.model.width == 7
+    assert load_config([], []).model.width == 256
+
+
+@pytest.mark.parametrize(
+    ("binding", "named"),
+    [
+        ("Model.widht = 64", "widht"),
+        ("Modle.width = 64", "Modle"),
+        ("Model.width = 'wide'", "width"),
+        ("Model.num_samples = [1, 2]", "num_samples"),
+        ("Model.width = ", "parse"),
+        ("Model.ray_shape = 'square'", "ray_shape"),
+        ("Train.neighbors = 1", "neighbors"),
+        ("Train.neighbors = 0", "neighbors"),
+        ("Config.factor = 0", "factor"),
+    ],
+)
+def test_a_wrong_binding_is_one_line_that_names_it(binding, named):
+    with pytest.raises(UserError, match=named) as error:
+        load_config([], [binding])
+    assert "\n" not in str(error.value)
+
+
+def test_a_missing_file_is_named():
+    with pytest.raises(UserError, match="configs/no_such"):
+        load_config(["configs/no_such.gin"], [])
+
+
+def test_every_field_is_read_somewhere():
+    files = [*ROOT.glob("*.py"), *ROOT.glob("internal/**/*.py")]
+    code = "\n".join(file.read_text() for file in files)
+    sections = [
+        configs.ModelConfig,
+        configs.LossConfig,
+        configs.OptimizerConfig,
+        configs.TrainConfig,
+        configs.RenderConfig,
+        Config,
+    ]
+    for section in sections:
+        for field in dataclasses.fields(section):
+            assert f".{field.name}" in code, f"{section.__name__}: {field.name}"
+
+
+def test_json_holds_every_section():
+    saved = json.loads(configs.to_json(load_config([], [])))
+    assert saved["model"]["gamma0"] == 2.2
+    assert {"losses", "optimizer", "train", "render"} <= saved.keys()

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of the light edit."""
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from internal.editing import NEUTRAL, LightEdit, light_edit, temperature_gains
+from internal.errors import UserError
+
+KELVIN = st.floats(1700.0, 25000.0)
+
+
+def test_neutral_is_exactly_one():
+    for edit in (NEUTRAL, light_edit(), light_edit(1.0, 0.0, 6500.0)):
+        np.testing.assert_array_equal(edit.strength, np.float32(1.0))
+        np.testing.assert_array_equal(edit.exposure_gain, np.float32(1.0))
+        np.testing.assert_array_equal(edit.temperature_gains, np.ones(3, np.float32))
+    np.testing.assert_array_equal(temperature_gains(6500.0), np.ones(3))
+
+
+@given(KELVIN)
+def test_luminance_of_grey_is_kept_in_linear_light(kelvin):
+    luminance = temperature_gains(kelvin) @ np.array([0.2126, 0.7152, 0.0722])
+    assert luminance == pytest.approx(1.0)
+
+
+@given(KELVIN, KELVIN)
+def test_more_kelvin_is_bluer(one, other):
+    warm = light_edit(temperature_kelvin=min(one, other)).temperature_gains
+    cold = light_edit(temperature_kelvin=max(one, other)).temperature_gains
+    assert warm[0] >= cold[0]
+    assert warm[2] <= cold[2]
+
+
+def test_warm_is_red_and_cold_is_blue():
+    red, green, blue = light_edit(temperature_kelvin=3000.0).temperature_gains
+    assert red > green > blue > 0.0
+    red, green, blue = light_edit(temperature_kelvin=12000.0).temperature_gains
+    assert red < green < blue
+
+
+# Tabulated CIE 1931 chromaticities of black bodies, one per piece of the spline;
+# 2856 K is illuminant A.
+@pytest.mark.parametrize(
+    "kelvin, x, y",
+    [(2000.0, 0.5267, 0.4133), (2856.0, 0.4476, 0.4074), (10000.0, 0.2807, 0.2884)],
+)
+def test_gains_follow_the_planckian_locus(kelvin, x, y):
+    neutral_x, neutral_y = 0.3135, 0.3237  # 6500 K
+    rgb_from_xyz = np.array(
+        [
+            [3.2406, -1.5372, -0.4986],
+            [-0.9689, 1.8758, 0.0415],
+            [0.0557, -0.2040, 1.057],
+        ]
+    )
+    rgb = rgb_from_xyz @ [x / y, 1.0, (1.0 - x - y) / y]
+    neutral = rgb_from_xyz @ [
+        neutral_x / neutral_y,
+        1.0,
+        (1.0 - neutral_x - neutral_y) / neutral_y,
+    ]
+    gains = temperature_gains(kelvin)
+    np.testing.assert_allclose(
+        gains / gains[1], rgb / neutral / (rgb / neutral)[1], rtol=7e-3, atol=3e-3
+    )
+
+
+def test_two_point_two_stops_double_the_coded_value():
+    # 2 ** (2.2 / 2.2) = 2
+    assert float(light_edit(exposure_stops=2.2).exposure_gain) == pytest.approx(2.0)
+    assert float(light_edit(exposure_stops=-2.2).exposure_gain) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"strength": -0.1},
+        {"strength": 1.1},
+        {"strength": float("nan")},
+        {"exposure_stops": float("inf")},
+        {"exposure_stops": -17.0},
+        {"temperature_kelvin": 1699.0},
+        {"temperature_kelvin": 25001.0},
+        {"temperature_kelvin": float("nan")},
+    ],
+)
+def test_out_of_range_is_one_line_that_names_the_setting(settings):
+    (name,) = settings
+    with pytest.raises(UserError, match=f"{name} = .*expected a number from") as caught:
+        light_edit(**settings)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_edit_is_a_tree_that_compiled_code_takes():
+    brighter = jax.jit(lambda edit: edit.replace(exposure_gain=2 * edit.exposure_gain))
+    edit = brighter(NEUTRAL)
+    assert isinstance(edit, LightEdit)
+    assert float(edit.exposure_gain) == 2.0

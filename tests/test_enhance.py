@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The enhancement of v: identity, the paper's formula, light edits."""
+
+import itertools
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from internal.editing import NEUTRAL, light_edit
+from internal.enhance import Coefficients, enhance_v, phi
+
+V = jnp.array([[0.004], [0.05], [0.7]])
+COEFFICIENTS = Coefficients(
+    alpha=jnp.array([[0.3], [0.5], [0.9]]), gamma=jnp.full((3, 3), 0.4)
+)
+
+
+def test_alpha_one_and_exponent_one_is_identity():
+    v_hat = enhance_v(V, jnp.ones((3, 1)), jnp.ones((3, 3)))
+    np.testing.assert_array_equal(v_hat, jnp.broadcast_to(V, (3, 3)))
+
+
+def test_formula_by_hand():
+    # (0.05 / 0.5)^(1 / (2.2 + 0.3)) = 0.1^0.4 = 0.398107
+    coefficients = Coefficients(jnp.array([[0.5]]), jnp.full((1, 3), 0.3))
+    v_hat = phi(jnp.array([[0.05]]), coefficients, 2.2, NEUTRAL)
+    np.testing.assert_allclose(v_hat, np.full((1, 3), 0.398107), rtol=1e-5)
+
+
+def test_neutral_edit_changes_no_bit():
+    exponent = 1.0 / (2.2 + COEFFICIENTS.gamma)
+    plain = enhance_v(V, COEFFICIENTS.alpha, exponent)
+    edited = phi(V, COEFFICIENTS, 2.2, light_edit(1.0, 0.0, 6500.0))
+    np.testing.assert_array_equal(edited, plain)
+
+
+def test_strength_zero_is_the_dark_scene():
+    v_hat = phi(V, COEFFICIENTS, 2.2, light_edit(strength=0.0))
+    np.testing.assert_array_equal(v_hat, jnp.broadcast_to(V, (3, 3)))
+
+
+def test_strength_moves_monotonically_from_dark_to_enhanced():
+    steps = [
+        phi(V, COEFFICIENTS, 2.2, light_edit(strength=s)) for s in (0.0, 0.3, 0.7, 1.0)
+    ]
+    for darker, brighter in itertools.pairwise(steps):
+        assert jnp.all(brighter > darker)
+
+
+@pytest.mark.parametrize("stops", [-1.0, 0.5, 2.0])
+def test_exposure_multiplies_linear_light(stops):
+    plain = phi(V, COEFFICIENTS, 2.2, NEUTRAL)
+    edited = phi(V, COEFFICIENTS, 2.2, light_edit(exposure_stops=stops))
+    np.testing.assert_allclose((edited / plain) ** 2.2, 2.0**stops, rtol=1e-5)

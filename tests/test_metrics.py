@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of the scores and of the trivial baselines."""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import skimage.metrics
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from internal import baselines, lpips, metrics
+from internal.image import linear_to_srgb, quantize, srgb_to_linear
+
+needs_lpips = pytest.mark.skipif(
+    not lpips.available(), reason="the extra metrics is not installed"
+)
+
+
+def _picture(seed: int, height: int = 24, width: int = 32) -> np.ndarray:
+    """A smooth coloured picture with some noise, float32 sRGB in [0, 1]."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:height, :width]
+    waves = rng.uniform(0.1, 0.6, (3, 2))
+    smooth = [0.5 + 0.4 * np.sin(a * x + b * y) for a, b in waves]
+    noise = rng.normal(0.0, 0.03, (height, width, 3))
+    return np.clip(np.stack(smooth, axis=-1) + noise, 0.0, 1.0).astype(np.float32)
+
+
+def _exposed(srgb: np.ndarray, gain: float) -> np.ndarray:
+    linear_rgb = gain * srgb_to_linear(srgb)
+    return np.asarray(jnp.clip(linear_to_srgb(linear_rgb), 0.0, 1.0))
+
+
+def test_psnr_by_hand():
+    # 51 / 255 = 0.2, mse = 0.04, -10 log10(0.04) = 13.979
+    black, grey = np.zeros((4, 5, 3), np.float32), np.full((4, 5, 3), 0.2, np.float32)
+    assert metrics.psnr(black, grey) == pytest.approx(13.979, abs=1e-3)
+
+
+def test_psnr_and_ssim_equal_scikit_image_on_the_8_bit_pictures():
+    prediction, truth = _picture(0), _picture(1)
+    pair = quantize(truth), quantize(prediction)
+    psnr = skimage.metrics.peak_signal_noise_ratio(*pair, data_range=1.0)
+    ssim = skimage.metrics.structural_similarity(
+        *pair,
+        data_range=1.0,
+        channel_axis=-1,
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+    )
+    assert metrics.psnr(prediction, truth) == pytest.approx(psnr, abs=1e-4)
+    assert metrics.ssim(prediction, truth) == pytest.approx(ssim, abs=1e-4)
+
+
+@pytest.mark.parametrize("score", [metrics.psnr, metrics.ssim])
+def test_scores_do_not_see_what_8_bits_and_clipping_lose(score):
+    truth, stored = _picture(0), quantize(_picture(1))
+    beyond = np.where(stored == 1.0, 1.5, stored + 0.3 / 255.0).astype(np.float32)
+    assert score(beyond, truth) == score(stored, truth)
+
+
+def test_identical_pictures_get_the_cap_and_finite_scores():
+    picture = _picture(2, 64, 64)
+    scores = metrics.score(picture, picture)
+    assert scores["psnr"] == metrics.PSNR_CAP
+    assert scores["psnr_exposure_matched"] == metrics.PSNR_CAP
+    assert scores["psnr_color_corrected"] == metrics.PSNR_CAP
+    assert scores["ssim"] == pytest.approx(1.0, abs=1e-5)
+    assert all(math.isfinite(value) for value in scores.values())
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.05, 0.5])
+@given(seed=st.integers(0, 1000), gain=st.floats(0.01, 20.0))
+@settings(max_examples=8, deadline=None)
+def test_matching_exposure_never_lowers_psnr(seed, gain, noise):
+    truth = _picture(seed)
+    grain = noise * np.random.default_rng(seed).normal(size=truth.shape)
+    prediction = np.clip(_exposed(truth, gain) + grain, 0.0, 1.0).astype(np.float32)
+    raw = metrics.psnr(prediction, truth)
+    assert metrics.psnr_exposure_matched(prediction, truth) >= raw
+
+
+@pytest.mark.parametrize("gain", [0.25, 0.7, 1.0, 1.3])
+def test_matching_exposure_undoes_a_gain(gain):
+    truth = 0.8 * _picture(3)
+    assert metrics.psnr_exposure_matched(_exposed(truth, gain), truth) > 45.0
+
+
+def test_matching_exposure_leaves_black_and_equal_pictures_alone():
+    black, truth = np.zeros((4, 4, 3), np.float32), _picture(0, 4, 4)
+    np.testing.assert_array_equal(metrics.exposure_matched(black, truth), black)
+    np.testing.assert_array_equal(
+        metrics.exposure_matched(truth, truth), quantize(truth)
+    )
+
+
+def test_matching_exposure_does_not_correct_a_tint():
+    truth = 0.2 + 0.6 * _picture(4)
+    tinted = truth * np.array([1.0, 0.8, 0.6], np.float32)
+    exposure = metrics.psnr_exposure_matched(tinted, truth)
+    assert metrics.psnr_color_corrected(tinted, truth) > exposure + 10.0
+
+
+@given(seed=st.integers(0, 1000), noise=st.floats(0.0, 0.5))
+@settings(max_examples=10, deadline=None)
+def test_colour_correction_lowers_psnr_by_no_more_than_rounding(seed, noise):
+    truth = _picture(seed)
+    grain = noise * np.random.default_rng(seed).normal(size=truth.shape)
+    prediction = np.clip(truth + grain, 0.0, 1.0).astype(np.float32)
+    # Rounding adds at most half a level to the root mean square error.
+    error = 10.0 ** (-metrics.psnr(prediction, truth) / 20.0) + 0.5 / 255.0
+    corrected = metrics.psnr_color_corrected(prediction, truth)
+    assert corrected >= -20.0 * math.log10(error)
+
+
+def test_colour_correction_undoes_an_affine_map_of_each_channel():
+    truth = _picture(5)
+    tinted = truth * np.array([0.9, 0.5, 0.7], np.float32) + 0.05
+    assert metrics.psnr_color_corrected(tinted, truth) > 48.0
+
+
+def test_colour_correction_does_not_mix_channels():
+    truth = _picture(6)
+    assert metrics.psnr_color_corrected(truth[..., ::-1], truth) < 20.0
+
+
+def test_colour_correction_of_a_constant_is_the_mean():
+    truth, grey = _picture(7), np.full((24, 32, 3), 0.3, np.float32)
+    mean = quantize(quantize(truth).mean(axis=(0, 1)))
+    corrected = metrics.color_corrected(grey, truth)
+    np.testing.assert_allclose(corrected, np.broadcast_to(mean, truth.shape), atol=4e-3)
+
+
+@needs_lpips
+def test_lpips_is_zero_for_equal_pictures_and_grows_with_noise():
+    truth = _picture(8, 64, 64)
+    noise = np.random.default_rng(0).normal(size=truth.shape).astype(np.float32)
+    distances = [
+        lpips.lpips(np.clip(truth + sigma * noise, 0.0, 1.0), truth)
+        for sigma in (0.0, 0.05, 0.2)
+    ]
+    assert distances[0] == pytest.approx(0.0, abs=1e-6)
+    assert 0.005 < distances[1] < distances[2]
+
+
+def test_names_of_scores():
+    prediction, truth = _picture(0, 64, 64), _picture(1, 64, 64)
+    dark = {"psnr", "ssim"} | ({"lpips"} if lpips.available() else set())
+    assert set(metrics.score_dark(prediction, truth)) == dark
+    assert set(metrics.score(prediction, truth)) == dark | {
+        "psnr_exposure_matched",
+        "psnr_color_corrected",
+    }
+
+
+def test_scores_without_the_extra(monkeypatch):
+    monkeypatch.setattr(lpips, "available", lambda: False)
+    assert set(metrics.score_dark(_picture(0), _picture(1))) == {"psnr", "ssim"}
+
+
+@pytest.mark.parametrize("mean", [0.3, 0.5])
+def test_gain_to_mean_reaches_the_mean_by_one_linear_gain(mean):
+    dark = 0.2 * _picture(9) + 0.02
+    bright = baselines.gain_to_mean(dark, mean)
+    assert float(bright.mean()) == pytest.approx(mean, abs=1e-3)
+    inside = (bright < 1.0) & (dark > 0.0)
+    gains = np.asarray(srgb_to_linear(bright) / srgb_to_linear(dark))[inside]
+    np.testing.assert_allclose(gains, gains[0], rtol=1e-3)
+
+
+def test_gain_to_mean_of_a_mostly_black_picture_is_finite():
+    dark = np.zeros((8, 8, 3), np.float32)
+    dark[0, 0] = 0.1
+    bright = np.asarray(baselines.gain_to_mean(dark))
+    np.testing.assert_array_equal(bright, np.where(dark > 0.0, 1.0, 0.0))
+
+
+def test_gamma_curve_by_hand():
+    # 0.25 ** (1 / 2) = 0.5; black and white stay.
+    levels = np.array([[[0.0, 0.25, 1.0]]], np.float32)
+    np.testing.assert_allclose(baselines.gamma_curve(levels, 2.0), [[[0.0, 0.5, 1.0]]])

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The model: decomposition, enhancement, light edits, rays of both spaces."""
+
+import chex
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from internal.cameras import cast_rays
+from internal.configs import load_config
+from internal.coord import Unbounded
+from internal.editing import NEUTRAL, light_edit
+from internal.models import LitRendering, Model, Rendering, ray_shape
+from internal.rendering import composite
+from internal.training import initial_state
+from tests.conftest import TINY_MODEL
+
+
+@pytest.fixture
+def rays(tiny_cameras, ndc):
+    view = jnp.zeros(12, jnp.int32)
+    x, y = jnp.arange(12) % 10, jnp.arange(12) % 8
+    return jax.jit(cast_rays)(tiny_cameras, ndc, view, x, y)
+
+
+@pytest.fixture(scope="module")
+def trained():
+    """A compiled ``apply`` of a new tiny model and its parameters."""
+    config = load_config([], TINY_MODEL)
+    model = Model(config.model)
+    apply = jax.jit(model.apply, static_argnames="method")
+    return apply, {"params": initial_state(config, model).params}
+
+
+def test_dark_colour_is_v_times_r(trained, rays, ndc):
+    apply, params = trained
+    last = apply(params, rays, ndc, method="march")[-1]
+    samples = last.samples
+    np.testing.assert_allclose(samples.rgb, samples.v * samples.r)
+    composited = composite(last.weights, samples.v * samples.r)
+    np.testing.assert_allclose(last.rgb, composited, rtol=1e-5)
+    assert samples.v.shape == (12, 7, 1)
+    assert samples.r.shape == (12, 7, 3)
+
+
+def test_r_is_the_same_from_every_side_and_v_is_not(trained, rays, ndc):
+    apply, params = trained
+    turned = rays.replace(viewdirs=-rays.viewdirs[:, ::-1])
+    before = apply(params, rays, ndc, method="march")[0].samples
+    after = apply(params, turned, ndc, method="march")[0].samples
+    np.testing.assert_array_equal(before.r, after.r)
+    np.testing.assert_array_equal(before.density, after.density)
+    assert np.max(np.abs(before.v - after.v)) > 1e-6
+
+
+def test_rendering_has_every_output_and_a_plain_model_only_the_dark_ones(
+    trained, rays, ndc
+):
+    apply, params = trained
+    lit = apply(params, rays, ndc, NEUTRAL)
+    assert isinstance(lit, LitRendering)
+    assert lit.enhanced.shape == (12, 3)
+    config = load_config([], [*TINY_MODEL, "Model.decomposition = False"])
+    plain = Model(config.model)
+    plain_params = {"params": initial_state(config, plain).params}
+    rendering = jax.jit(plain.apply)(plain_params, rays, ndc, NEUTRAL)
+    assert type(rendering) is Rendering
+
+
+def test_neutral_edit_changes_no_bit_and_other_edits_do(trained, rays, ndc):
+    apply, params = trained
+    plain = apply(params, rays, ndc, NEUTRAL)
+    neutral = apply(params, rays, ndc, light_edit(1.0, 0.0, 6500.0))
+    chex.assert_trees_all_equal(plain, neutral)
+    warm = apply(params, rays, ndc, light_edit(temperature_kelvin=3000.0))
+    assert np.all(warm.enhanced[:, 0] > plain.enhanced[:, 0])
+    assert np.all(warm.enhanced[:, 2] < plain.enhanced[:, 2])
+    np.testing.assert_array_equal(warm.rgb, plain.rgb)
+
+
+def test_strength_zero_renders_the_dark_scene(trained, rays, ndc):
+    apply, params = trained
+    off = apply(params, rays, ndc, light_edit(strength=0.0))
+    np.testing.assert_allclose(off.enhanced, off.rgb, rtol=1e-5)
+
+
+def test_enhancement_moves_phi_and_nothing_else(trained, rays, ndc):
+    apply, params = trained
+
+    def brightness(params):
+        return jnp.mean(apply(params, rays, ndc, NEUTRAL).enhanced)
+
+    gradient = jax.jit(jax.grad(brightness))(params)["params"]
+    assert all(np.all(x == 0) for x in jax.tree.leaves(gradient["field"]))
+    assert any(np.any(x != 0) for x in jax.tree.leaves(gradient["phi"]))
+
+
+def test_a_key_randomises_and_no_key_does_not(trained, rays, ndc):
+    apply, params = trained
+
+    def edges(key):
+        return apply(params, rays, ndc, key, method="march")[0].s_edges
+
+    np.testing.assert_array_equal(edges(None), edges(None))
+    one, two = edges(jax.random.key(1)), edges(jax.random.key(2))
+    assert np.max(np.abs(one - two)) > 1e-3
+    assert np.all(np.diff(one, axis=-1) >= 0)
+    np.testing.assert_array_equal(one[:, [0, -1]], np.tile([0.0, 1.0], (12, 1)))
+
+
+def test_unbounded_space_renders_with_cones(trained, tiny_cameras):
+    apply, params = trained
+    space = Unbounded(np.float32(0.5), np.float32(20.0))
+    index = jnp.zeros(4, jnp.int32)
+    rays = jax.jit(cast_rays)(tiny_cameras, space, index, index, index)
+    rendering = apply(params, rays, space, NEUTRAL)
+    assert np.all(np.isfinite(rendering.enhanced))
+    assert np.all((rendering.depth >= 0.5) & (rendering.depth <= 20.01))
+    assert ray_shape("auto", space) == "cone"
+
+
+def test_ray_shape_is_automatic_or_forced(ndc):
+    assert ray_shape("auto", ndc) == "cylinder"
+    assert ray_shape("cone", ndc) == "cone"
+    assert ray_shape("cylinder", ndc) == "cylinder"

@@ -1,0 +1,396 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every format reads back what was written, and is told from the others."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scene_writers import (
+    LENS,
+    World,
+    edit_json,
+    facing_world,
+    frame_entries,
+    llff_rows,
+    random_rotation,
+    write_blender,
+    write_colmap,
+    write_json,
+    write_llff,
+    write_model,
+    write_nerfstudio,
+    write_pictures,
+)
+
+from internal import readers
+from internal.cameras import Lens
+from internal.errors import UserError
+
+WORLD = facing_world()
+WRITERS = {
+    "blender": write_blender,
+    "nerfstudio": write_nerfstudio,
+    "llff": write_llff,
+    "colmap": write_colmap,
+}
+DISTORTION = {"k1": 0.1, "k2": -0.05, "p1": 0.001, "p2": -0.002}
+every_format = pytest.mark.parametrize("name", WRITERS)
+
+
+def read(folder: Path, loader: str = "auto", images_dir: str = ""):
+    return readers.read_files(folder, loader, images_dir)
+
+
+@every_format
+def test_reads_what_was_written(tmp_path, name):
+    WRITERS[name](tmp_path, WORLD)
+    files = read(tmp_path)
+    assert files.format == name
+    assert list(files.names) == WORLD.names
+    np.testing.assert_allclose(files.camtoworlds, WORLD.camtoworlds, atol=1e-9)
+    folder = tmp_path / ("low" if name == "blender" else "images")
+    assert files.image_paths == tuple(folder / n for n in files.names)
+    lens = Lens("SIMPLE_PINHOLE", 24, 18, (20.0, 12.0, 9.0)) if name == "llff" else LENS
+    assert set(files.lenses) == {lens}
+    assert files.test_names == (frozenset({"00.png"}) if name == "blender" else None)
+    assert all(path.exists() for path in files.pose_paths)
+    assert len(files.points) == (len(WORLD.points) if name == "colmap" else 0)
+
+
+def test_detection_prefers_the_more_specific_file(tmp_path):
+    """Formats are added one by one, each winning over those before."""
+    for name in reversed(WRITERS):
+        WRITERS[name](tmp_path, WORLD)
+        assert read(tmp_path).format == name
+
+
+@every_format
+def test_forced_format_wins_over_detection(tmp_path, name):
+    for write in WRITERS.values():
+        write(tmp_path, WORLD)
+    assert read(tmp_path, name).format == name
+
+
+@every_format
+def test_images_dir_replaces_the_pictures_and_keeps_the_poses(tmp_path, name):
+    WRITERS[name](tmp_path, WORLD)
+    write_pictures(tmp_path / "enhanced/sci", [f"sci_{n}" for n in WORLD.names])
+    files = read(tmp_path, images_dir="enhanced/sci")
+    assert files.image_paths == tuple(
+        tmp_path / "enhanced/sci" / f"sci_{n}" for n in WORLD.names
+    )
+    np.testing.assert_allclose(files.camtoworlds, WORLD.camtoworlds, atol=1e-9)
+
+
+def test_unknown_format_lists_the_known(tmp_path):
+    with pytest.raises(
+        UserError, match="'nerf'; choose auto, blender, nerfstudio, llff, colmap"
+    ):
+        read(tmp_path, "nerf")
+
+
+def test_missing_folder_is_named(tmp_path):
+    with pytest.raises(UserError, match="scene folder not found"):
+        read(tmp_path / "nowhere")
+
+
+def test_no_match_says_what_was_looked_for_and_what_is_there(tmp_path):
+    for i in range(10):
+        (tmp_path / f"photo{i}.jpg").touch()
+    (tmp_path / "notes").mkdir()
+    with pytest.raises(UserError) as error:
+        read(tmp_path)
+    message = str(error.value)
+    for looked_for in ("transforms_train.json", "transforms.json", "poses_bounds.npy"):
+        assert looked_for in message
+    assert "sparse/0" in message
+    assert "notes/, photo0.jpg" in message and "and 3 more" in message
+
+
+def test_forced_format_that_is_not_there_lists_only_its_own_files(tmp_path):
+    write_colmap(tmp_path, WORLD)
+    with pytest.raises(UserError, match=r"llff: poses_bounds.npy.*images/, sparse/$"):
+        read(tmp_path, "llff")
+
+
+class TestTransforms:
+    def test_test_views_listed_bright_take_their_dark_twins(self, tmp_path):
+        write_blender(tmp_path, WORLD, test=(1, 3))
+        files = read(tmp_path)
+        assert {path.parent.name for path in files.image_paths} == {"low"}
+        assert files.test_names == {"01.png", "03.png"}
+
+    def test_bright_listing_without_a_dark_folder_stays(self, tmp_path):
+        write_blender(tmp_path, WORLD)
+        (tmp_path / "low").rename(tmp_path / "night")
+        for split in ("train", "test"):
+            edit_json(
+                tmp_path / f"transforms_{split}.json",
+                lambda c: [
+                    f.update(file_path=f["file_path"].replace("low", "night"))
+                    for f in c["frames"]
+                ],
+            )
+        folders = {path.parent.name for path in read(tmp_path).image_paths}
+        assert folders == {"night", "high"}
+
+    def test_view_listed_twice_is_held_out(self, tmp_path):
+        write_blender(tmp_path, WORLD, test=(1,))
+        entries = frame_entries(WORLD, "low")
+        edit_json(
+            tmp_path / "transforms_train.json", lambda c: c.update(frames=entries)
+        )
+        files = read(tmp_path)
+        assert list(files.names) == WORLD.names
+        assert files.test_names == {"01.png"}
+
+    def test_val_stands_in_for_a_missing_test_file(self, tmp_path):
+        write_blender(tmp_path, WORLD, test=(2, 4))
+        (tmp_path / "transforms_test.json").unlink()
+        files = read(tmp_path)
+        assert files.test_names == {"02.png"}
+        assert len(files.names) == len(WORLD.names) - 1
+
+    def test_train_file_alone_states_no_split(self, tmp_path):
+        write_blender(tmp_path, WORLD, test=())
+        for split in ("val", "test"):
+            (tmp_path / f"transforms_{split}.json").unlink()
+        assert read(tmp_path).test_names is None
+
+    def test_equal_file_names_in_two_folders_stay_apart(self, tmp_path):
+        """Blender's own scenes: train/r_0 and test/r_0, without extension."""
+        for split, folder in (("train", "./train"), ("test", "./test")):
+            write_pictures(tmp_path / folder, WORLD.names)
+            frames = frame_entries(WORLD, folder)
+            for frame in frames:
+                frame["file_path"] = frame["file_path"].removesuffix(".png")
+            content = {"camera_angle_x": 0.9, "frames": frames}
+            write_json(tmp_path / f"transforms_{split}.json", content)
+        files = read(tmp_path)
+        assert len(set(files.names)) == 2 * len(WORLD.names)
+        assert files.names[0] == "test/00.png"
+        assert files.test_names == {f"test/{name}" for name in WORLD.names}
+
+    def test_field_of_view_alone_gives_square_pixels(self, tmp_path):
+        """24 pixels over 90 degrees: f = 12; the size is the picture's own."""
+        write_nerfstudio(tmp_path, WORLD)
+        content = {
+            "camera_angle_x": math.pi / 2,
+            "frames": frame_entries(WORLD, "images"),
+        }
+        write_json(tmp_path / "transforms.json", content)
+        (lens,) = set(read(tmp_path).lenses)
+        assert (lens.model, lens.width, lens.height) == ("PINHOLE", 24, 18)
+        np.testing.assert_allclose(lens.params, [12.0, 12.0, 12.0, 9.0])
+
+    @pytest.mark.parametrize(
+        ("extra", "model", "distortion"),
+        [
+            ({}, "PINHOLE", ()),
+            (DISTORTION, "OPENCV", (0.1, -0.05, 0.001, -0.002)),
+            (
+                {**DISTORTION, "k3": 0.2},
+                "FULL_OPENCV",
+                (0.1, -0.05, 0.001, -0.002, 0.2, 0.0, 0.0, 0.0),
+            ),
+            (
+                {"camera_model": "OPENCV_FISHEYE", "k1": 0.1, "k4": 0.3},
+                "OPENCV_FISHEYE",
+                (0.1, 0.0, 0.0, 0.3),
+            ),
+            ({"is_fisheye": True, "k1": 0.1}, "OPENCV_FISHEYE", (0.1, 0.0, 0.0, 0.0)),
+            ({"camera_model": "SIMPLE_PINHOLE"}, "PINHOLE", ()),
+        ],
+    )
+    def test_lens_models(self, tmp_path, extra, model, distortion):
+        write_nerfstudio(tmp_path, WORLD, **extra)
+        (lens,) = set(read(tmp_path).lenses)
+        assert lens == Lens(model, 24, 18, LENS.params + distortion)
+
+    def test_panorama(self, tmp_path):
+        write_nerfstudio(tmp_path, WORLD, camera_model="EQUIRECTANGULAR")
+        assert read(tmp_path).lenses[0] == Lens("EQUIRECTANGULAR", 24, 18, (24.0, 18.0))
+
+    def test_frames_override_the_file(self, tmp_path):
+        write_nerfstudio(tmp_path, WORLD)
+        path = tmp_path / "transforms.json"
+        edit_json(path, lambda c: c["frames"][-1].update(fl_x=30.0, k1=0.1))
+        lenses = read(tmp_path).lenses
+        assert lenses[0] == Lens(
+            "OPENCV", 24, 18, (30.0, 20.0, 12.0, 9.0, 0.1, 0.0, 0.0, 0.0)
+        )
+        assert set(lenses[1:]) == {LENS}
+
+    def test_filenames_are_the_split(self, tmp_path):
+        listed = [f"images/{name}" for name in WORLD.names]
+        split = {"train_filenames": listed[2:5], "test_filenames": listed[:1]}
+        write_nerfstudio(tmp_path, WORLD, **split)
+        files = read(tmp_path)
+        assert list(files.names) == ["00.png", "02.png", "03.png", "04.png"]
+        assert files.test_names == {"00.png"}
+
+    def test_filenames_that_match_no_frame_are_refused(self, tmp_path):
+        write_nerfstudio(tmp_path, WORLD, train_filenames=["elsewhere/1.png"])
+        with pytest.raises(UserError, match="name no file_path"):
+            read(tmp_path)
+
+    @pytest.mark.parametrize("write", [write_blender, write_nerfstudio])
+    def test_stated_bounds(self, tmp_path, write):
+        write(tmp_path, WORLD)
+        for path in tmp_path.glob("*.json"):
+            edit_json(path, lambda c: c.update(near=1, far=5.5))
+        np.testing.assert_array_equal(read(tmp_path).bounds, [[1.0, 5.5]])
+
+    @pytest.mark.parametrize("extension", [".JPG", ""])
+    def test_extension_and_case_are_found(self, tmp_path, extension):
+        write_nerfstudio(tmp_path, WORLD)
+        frames = frame_entries(WORLD, "images")
+        for frame in frames:
+            frame["file_path"] = frame["file_path"].removesuffix(".png") + extension
+        path = tmp_path / "transforms.json"
+        edit_json(path, lambda c: c.update(frames=frames))
+        assert list(read(tmp_path).names) == WORLD.names
+
+    def test_points_come_from_the_model_beside_through_the_similarity(self, tmp_path):
+        write_nerfstudio(tmp_path, WORLD)
+        other = WORLD.moved(3.7, random_rotation(), np.array([1.0, -2.0, 5.0]))
+        write_model(tmp_path / "colmap_sparse/0", other)
+        points = read(tmp_path).points
+        order = [np.lexsort(p.round(6).T) for p in (points, WORLD.points)]
+        np.testing.assert_allclose(points[order[0]], WORLD.points[order[1]], atol=1e-9)
+
+    @pytest.mark.parametrize(
+        "spoil",
+        [
+            lambda w: w.camtoworlds[::-1],  # other cameras under these names
+            lambda w: np.tile(w.camtoworlds[:1], (6, 1, 1)),  # all at one place
+            lambda w: w.camtoworlds @ np.diag([-1.0, -1.0, 1.0, 1.0]),  # turned
+            lambda w: w.camtoworlds + 0.05 * np.eye(6)[:, :1, None] * np.eye(4)[3],
+        ],
+        ids=["shuffled", "one place", "upside down", "one centre moved"],
+    )
+    def test_points_of_other_cameras_are_not_used(self, tmp_path, capsys, spoil):
+        write_nerfstudio(tmp_path, WORLD)
+        other = dataclasses.replace(WORLD, camtoworlds=spoil(WORLD))
+        write_model(tmp_path / "sparse", other)
+        assert len(read(tmp_path).points) == 0
+        assert "warning" in capsys.readouterr().out
+
+    def test_points_need_three_common_images(self, tmp_path, capsys):
+        write_nerfstudio(tmp_path, WORLD)
+        two = World(WORLD.camtoworlds[:2], WORLD.points)
+        write_model(tmp_path / "sparse/0", two)
+        assert len(read(tmp_path).points) == 0
+        assert "fewer than 3" in capsys.readouterr().out
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            (lambda c: c.pop("frames"), 'no "frames"'),
+            (
+                lambda c: c["frames"][2].pop("file_path"),
+                "frame 2 has no",
+            ),
+            (lambda c: c["frames"][2].pop("transform_matrix"), "03.png is not a 4x4"),
+            (
+                lambda c: c["frames"][2].update(transform_matrix=[[1.0, 2.0], [3.0]]),
+                "03.png is not a 4x4",
+            ),
+            (
+                lambda c: c["frames"][2].update(file_path="images/gone.png"),
+                "gone.png: image not found, but .*transforms.json lists it",
+            ),
+            (lambda c: c.pop("fl_x") and c.pop("fl_y"), "no focal length"),
+            (lambda c: c.update(fl_x=-20.0), "no focal length"),
+            (lambda c: c.update(fl_x="20"), "fl_x of .* is '20'; expected a finite"),
+            (lambda c: c.update(k1=math.nan), "k1 of .* is nan"),
+            (lambda c: c.update(w=0), "picture size 0x18 is empty"),
+            (lambda c: c.update(near="1", far=2), "near of .* is '1'"),
+            (lambda c: c.update(camera_model="LEICA"), "unknown camera_model 'LEICA'"),
+        ],
+    )
+    def test_broken_json_is_refused(self, tmp_path, change, message):
+        write_nerfstudio(tmp_path, WORLD)
+        edit_json(tmp_path / "transforms.json", change)
+        with pytest.raises(UserError, match=message):
+            read(tmp_path)
+
+    def test_truncated_json_is_refused(self, tmp_path):
+        write_nerfstudio(tmp_path, WORLD)
+        path = tmp_path / "transforms.json"
+        path.write_text(path.read_text()[:100])
+        with pytest.raises(UserError, match=r"transforms\.json: not a JSON file"):
+            read(tmp_path)
+
+
+class TestLlff:
+    def test_lens_is_at_the_stated_size_and_bounds_are_per_view(self, tmp_path):
+        rows = llff_rows(WORLD, (2.0, 7.0))
+        rows[:, 15] += np.arange(6)
+        write_pictures(tmp_path / "images_4", WORLD.names)
+        write_pictures(tmp_path / "images_8", WORLD.names)
+        np.save(tmp_path / "poses_bounds.npy", rows)
+        files = read(tmp_path)
+        assert files.image_paths[0].parent.name == "images_4"
+        np.testing.assert_array_equal(files.bounds[:, 0], 2.0 + np.arange(6))
+
+    def test_counts_must_agree(self, tmp_path):
+        write_llff(tmp_path, WORLD)
+        (tmp_path / "images" / WORLD.names[0]).unlink()
+        with pytest.raises(UserError, match="6 poses but 5 pictures"):
+            read(tmp_path)
+
+    @pytest.mark.parametrize(
+        ("spoil", "message"),
+        [
+            (lambda rows: rows[:, :15], r"shape \(6, 15\); expected \(views, 17\)"),
+            (lambda rows: np.where(np.arange(17) == 4, -1.0, rows), "row 0"),
+            (lambda rows: np.where(np.arange(17) == 16, np.nan, rows), "row 0"),
+        ],
+    )
+    def test_broken_rows_are_refused(self, tmp_path, spoil, message):
+        write_llff(tmp_path, WORLD)
+        path = tmp_path / "poses_bounds.npy"
+        np.save(path, spoil(np.load(path)))
+        with pytest.raises(UserError, match=message):
+            read(tmp_path)
+
+    @pytest.mark.parametrize("content", [b"", b"not numpy", b"\x93NUMPY\x01"])
+    def test_broken_file_is_refused(self, tmp_path, content):
+        write_llff(tmp_path, WORLD)
+        (tmp_path / "poses_bounds.npy").write_bytes(content)
+        with pytest.raises(UserError, match="not a NumPy file"):
+            read(tmp_path)
+
+
+class TestColmap:
+    @pytest.mark.parametrize("binary", [True, False], ids=["bin", "txt"])
+    @pytest.mark.parametrize("model", ["sparse/0", "sparse", "colmap_sparse/0"])
+    def test_places_and_encodings(self, tmp_path, model, binary):
+        write_colmap(tmp_path, WORLD, model, binary)
+        assert list(read(tmp_path).names) == WORLD.names
+
+    def test_pictures_in_low(self, tmp_path):
+        write_colmap(tmp_path, WORLD)
+        (tmp_path / "images").rename(tmp_path / "low")
+        assert read(tmp_path).image_paths[0] == tmp_path / "low" / "00.png"
+
+    def test_missing_pictures_are_refused(self, tmp_path):
+        write_colmap(tmp_path, WORLD)
+        (tmp_path / "images" / "03.png").unlink()
+        with pytest.raises(UserError, match=r"'03\.png' has no partner"):
+            read(tmp_path)
+
+    def test_photos_without_a_pose_are_left_out(self, tmp_path):
+        write_colmap(tmp_path, WORLD)
+        write_pictures(tmp_path / "images", ["99.png"])
+        assert list(read(tmp_path).names) == WORLD.names
+
+    def test_model_without_images_is_refused(self, tmp_path):
+        write_colmap(tmp_path, dataclasses.replace(WORLD, points=np.empty((0, 3))))
+        empty = World(np.empty((0, 3, 4)), np.empty((0, 3)))
+        write_model(tmp_path / "sparse/0", empty)
+        with pytest.raises(UserError, match="no registered image"):
+            read(tmp_path)

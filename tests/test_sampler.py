@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pixels of a step: neighbours, colours of their own, resident equals fed."""
+
+import chex
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from internal import parallel, sampler
+from internal.configs import TrainConfig
+
+TRAIN = TrainConfig(batch_size=500, enhance_start=10)
+BEFORE, AFTER = jnp.int32(9), jnp.int32(10)
+
+
+def test_patches_are_a_pixel_its_right_and_its_lower_neighbour(tiny_cameras):
+    pixels = sampler.sample_pixels(jax.random.key(0), tiny_cameras, TRAIN, AFTER)
+    x, y = np.asarray(pixels.x), np.asarray(pixels.y)
+    np.testing.assert_array_equal(x[:, 1] - x[:, 0], 1)
+    np.testing.assert_array_equal(x[:, 2] - x[:, 0], 0)
+    np.testing.assert_array_equal(y[:, 2] - y[:, 0], 1)
+    assert x.min() == 0 and x.max() == 9
+    assert y.min() == 0 and y.max() == 7
+    assert set(np.unique(pixels.view)) == {0, 1, 2}
+    assert np.all(pixels.view == pixels.view[:, :1])
+
+
+def test_before_the_smoothness_loss_every_pixel_is_drawn_by_itself(tiny_cameras):
+    pixels = sampler.sample_pixels(jax.random.key(0), tiny_cameras, TRAIN, BEFORE)
+    drawn = {tuple(p) for p in np.stack(jax.tree.leaves(pixels), -1).reshape(-1, 3)}
+    assert len(drawn) == 3 * 10 * 8
+    assert np.any(pixels.view != pixels.view[:, :1])
+
+
+def test_every_member_has_the_colour_of_its_own_pixel(tiny_cameras, tiny_images):
+    source = sampler.resident_pixels(tiny_images)
+    for step in (BEFORE, AFTER):
+        batch = source.batch(jax.random.key(3), tiny_cameras, TRAIN, step)
+        flat = [np.ravel(p) for p in jax.tree.leaves(batch.pixels)]
+        expected = [tiny_images[v][y, x] / 65535 for v, x, y in zip(*flat, strict=True)]
+        np.testing.assert_allclose(batch.rgb().reshape(-1, 3), expected, atol=1e-7)
+
+
+def test_pictures_of_different_sizes_live_in_one_array(tiny_cameras):
+    images = (
+        np.full((4, 5, 3), 1000, np.uint16),
+        np.arange(6 * 3 * 3, dtype=np.uint16).reshape(6, 3, 3),
+    )
+    source = sampler.resident_pixels(images)
+    pixels = sampler.Pixels(*(jnp.array([[k]]) for k in (1, 2, 4)))
+    rows = sampler.flat_rows(pixels, source.starts, np.array([5, 3]))
+    np.testing.assert_array_equal(source.levels[rows[0, 0]], images[1][4, 2])
+
+
+def test_a_fed_batch_equals_the_resident_one(tiny_config, tiny_cameras, tiny_images):
+    train = tiny_config.train
+    mesh = parallel.data_mesh(train.batch_size)
+    resident = sampler.pixel_source(tiny_images, tiny_cameras, mesh, train, 1.0)
+    fed = sampler.pixel_source(tiny_images, tiny_cameras, mesh, train, 0.0)
+    for step in (0, 5):
+        key, _ = sampler.step_keys(train.seed, jnp.int32(step))
+        arguments = (key, tiny_cameras, train, jnp.int32(step))
+        one = resident(step).batch(*arguments)
+        two = fed(step).batch(*arguments)
+        chex.assert_trees_all_equal(one, two)

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The scripts end to end on a tiny night scene: train, resume, evaluate, render."""
+
+import json
+import shutil
+import signal
+
+import av
+import chex
+import jax
+import numpy as np
+import pytest
+
+import eval as eval_script
+import make_scene
+import render as render_script
+import sweep as sweep_script
+import train as train_script
+from internal import image_io, parallel
+from internal.checkpoints import load_trained
+from internal.configs import load_config
+from internal.errors import Diverged, UserError
+from tests.conftest import TINY_MODEL
+
+
+def flags(scene, run, *bindings):
+    own = (f"Config.data_dir = {str(scene)!r}", f"Config.checkpoint_dir = {str(run)!r}")
+    return [f"--gin_bindings={b}" for b in (*TINY_MODEL, *own, *bindings)]
+
+
+def trained_state(run):
+    config = load_config([], [*TINY_MODEL, f"Config.checkpoint_dir = {str(run)!r}"])
+    return load_trained(config, parallel.data_mesh(jax.device_count()))[1]
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scenes") / "night"
+    make_scene.main(
+        ["night", str(folder), "--views", "6", "--width", "36", "--height", "32"]
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run(scene, tmp_path_factory):
+    """A finished run of six steps."""
+    folder = tmp_path_factory.mktemp("runs") / "night"
+    assert train_script.main(flags(scene, folder)) == 0
+    return folder
+
+
+def test_training_explains_its_folder(run):
+    assert json.loads((run / "config.json").read_text())["model"]["width"] == 16
+    assert (run / "command.txt").is_file()
+    lines = [json.loads(x) for x in (run / "metrics.jsonl").read_text().splitlines()]
+    assert [line["step"] for line in lines] == [2, 4, 6]
+    assert lines[0]["loss/exposure"] == 0.0 < lines[-1]["loss/exposure"]
+    assert any((run / "tensorboard").iterdir())
+
+
+def test_a_resumed_run_equals_an_uninterrupted_one(scene, run, tmp_path, monkeypatch):
+    half = tmp_path / "half"
+    check_finite = train_script.check_finite
+
+    def interrupt_after_three(stats, step):
+        if step == 3:
+            signal.raise_signal(signal.SIGINT)
+        check_finite(stats, step)
+
+    monkeypatch.setattr(train_script, "check_finite", interrupt_after_three)
+    assert train_script.main(flags(scene, half)) == 130
+    assert int(trained_state(half).step) == 4
+    monkeypatch.undo()
+    assert train_script.main(flags(scene, half)) == 0
+    chex.assert_trees_all_equal(trained_state(half), trained_state(run))
+    lines = (half / "metrics.jsonl").read_text().splitlines()
+    assert [json.loads(line)["step"] for line in lines] == [2, 4, 6]
+
+
+def test_other_settings_do_not_go_on_in_the_same_folder(scene, run):
+    with pytest.raises(UserError, match=r"losses\.gray was 0\.1, is 0\.5"):
+        train_script.main(flags(scene, run, "Losses.gray = 0.5"))
+
+
+def test_a_checkpoint_of_another_shape_is_refused(scene, run):
+    with pytest.raises(UserError, match="another shape"):
+        eval_script.main(flags(scene, run, "Model.width = 24"))
+
+
+def test_a_run_that_diverges_stops_and_keeps_the_last_good_checkpoint(scene, tmp_path):
+    run = tmp_path / "wild"
+    wild = ("Optimizer.lr_init = 1e30", "Train.checkpoint_every = 1")
+    with pytest.raises(Diverged, match=r"step \d+: not finite: "):
+        train_script.main(flags(scene, run, *wild))
+    leaves = jax.tree.leaves(trained_state(run).params)
+    assert all(np.all(np.isfinite(leaf)) for leaf in leaves)
+
+
+def test_evaluation_writes_pictures_and_scores(scene, run):
+    assert eval_script.main(flags(scene, run)) == 0
+    result = json.loads((run / "eval" / "metrics.json").read_text())
+    assert result["step"] == 6
+    assert list(result["views"]) == ["000.png"]
+    enhanced, dark = (result["mean"][name] for name in ("enhanced", "dark"))
+    assert {"psnr", "ssim", "psnr_exposure_matched", "psnr_color_corrected"} <= set(
+        enhanced
+    )
+    assert enhanced["psnr_exposure_matched"] >= enhanced["psnr"]
+    assert {"psnr", "ssim"} <= set(dark)
+    assert {"gain_to_mean", "gamma_curve"} <= result["mean"].keys()
+    for output in "enhanced dark truth v r v_enhanced alpha gamma depth".split():
+        picture = image_io.read_srgb(run / "eval" / output / "000.png")
+        assert picture.shape == (32, 36, 3)
+    assert (run / "eval" / "index.html").is_file()
+
+
+def test_rendering_writes_videos_and_goes_on_where_it_stopped(scene, run):
+    arguments = flags(scene, run)
+    assert render_script.main(arguments) == 0
+    folder = run / "render" / "spiral"
+    for name in "enhanced dark v r depth".split():
+        with av.open(folder / f"{name}.mp4") as video:
+            assert video.streams.video[0].frames == 3
+            assert video.streams.video[0].codec_context.pix_fmt == "yuv420p"
+    kept, lost = (folder / "enhanced" / f"000{k}.png" for k in (0, 1))
+    before, lost_bytes = kept.stat().st_mtime_ns, lost.read_bytes()
+    lost.unlink()
+    assert render_script.main(arguments) == 0
+    assert kept.stat().st_mtime_ns == before
+    assert lost.read_bytes() == lost_bytes
+
+
+def test_other_light_renders_anew_and_only_changes_the_enhanced_scene(scene, run):
+    folder = run / "render" / "spiral"
+    render_script.main(flags(scene, run))
+    plain = image_io.read_srgb(folder / "enhanced" / "0000.png")
+    dark = (folder / "dark" / "0000.png").read_bytes()
+    render_script.main(flags(scene, run, "Render.exposure = 1.0"))
+    brighter = image_io.read_srgb(folder / "enhanced" / "0000.png")
+    assert brighter.mean() > 1.2 * plain.mean()
+    assert (folder / "dark" / "0000.png").read_bytes() == dark
+
+
+def test_a_plain_nerf_trains_evaluates_and_renders(scene, tmp_path):
+    arguments = flags(
+        scene, tmp_path, "Model.decomposition = False", "Train.neighbors = 0"
+    )
+    for script in (train_script, eval_script, render_script):
+        assert script.main(arguments) == 0
+    mean = json.loads((tmp_path / "eval" / "metrics.json").read_text())["mean"]
+    assert mean.keys() == {"dark", "gain_to_mean", "gamma_curve"}
+    assert not (tmp_path / "eval" / "enhanced").exists()
+
+
+def test_a_sweep_compares_what_is_done_and_runs_nothing_twice(scene, run, tmp_path):
+    eval_script.main(flags(scene, run))
+    arguments = flags(scene, tmp_path)
+    variants = ["--variants", "bright: Losses.exposure_target = 0.9"]
+    for name, own in {"full": [], "bright": ["Losses.exposure_target = 0.9"]}.items():
+        shutil.copytree(run / "eval", tmp_path / name / "eval")
+        own = [*own, f"Config.checkpoint_dir = {str(tmp_path / name)!r}"]
+        done = [*arguments, *(f"--gin_bindings={binding}" for binding in own)]
+        (tmp_path / name / "sweep_arguments.json").write_text(json.dumps(done))
+    assert sweep_script.main([*arguments, *variants]) == 0
+    assert "| bright |" in (tmp_path / "table.md").read_text()
+    assert len((tmp_path / "table.csv").read_text().splitlines()) == 3
+    assert image_io.read_srgb(tmp_path / "sheet.png").shape[0] > 2 * 32
+
+
+@pytest.mark.parametrize("text", ["gray 0.2", "a/b: Losses.gray = 0.2"])
+def test_a_variant_that_is_neither_file_nor_bindings_is_refused(text):
+    with pytest.raises(UserError, match="variant"):
+        sweep_script.parse_variant(text)

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The train step: learning, who learns from what, devices, NaNs, resuming."""
+
+import chex
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from internal import parallel, sampler, training
+from internal.configs import load_config
+from internal.errors import Diverged
+from internal.models import Model
+from tests.conftest import TINY_MODEL
+
+
+def make_run(config, cameras, images, space, devices=None):
+    """A function that runs steps from a state, and the initial state."""
+    mesh = parallel.data_mesh(config.train.batch_size, devices)
+    model = Model(config.model)
+    step = jax.jit(training.make_train_step(config, model, mesh))
+    fixed = parallel.replicate((cameras, space, sampler.resident_pixels(images)), mesh)
+    state = parallel.replicate(training.initial_state(config, model), mesh)
+
+    def run(state, steps):
+        stats = None
+        for _ in range(steps):
+            state, stats = step(state, *fixed)
+        return state, stats
+
+    return run, state
+
+
+@pytest.fixture(scope="module")
+def tiny_run(tiny_config, tiny_cameras, tiny_images, ndc):
+    return make_run(tiny_config, tiny_cameras, tiny_images, ndc, jax.devices()[:1])
+
+
+def test_four_devices_give_what_one_gives(
+    tiny_run, tiny_config, tiny_cameras, tiny_images, ndc
+):
+    run_one, state = tiny_run
+    run_four, state_four = make_run(tiny_config, tiny_cameras, tiny_images, ndc)
+    one, stats_one = run_one(state, 5)
+    four, stats_four = run_four(state_four, 5)
+    assert len(jax.tree.leaves(four.params)[0].sharding.device_set) == 4
+    chex.assert_trees_all_close(stats_one.terms, stats_four.terms, rtol=1e-4)
+    chex.assert_trees_all_close(one.params, four.params, atol=2e-5)
+
+
+def test_phi_rests_until_enhancement_starts_and_then_learns_alone(tiny_run):
+    run, start = tiny_run
+    before, _ = run(start, 3)
+    chex.assert_trees_all_equal(before.params["phi"], start.params["phi"])
+    after, stats = run(before, 1)
+    changes = jax.tree.map(
+        lambda a, b: float(jnp.max(jnp.abs(a - b))),
+        after.params["phi"],
+        before.params["phi"],
+    )
+    # A fresh Adam moves every weight that has a gradient by its learning rate.
+    assert max(jax.tree.leaves(changes)) == pytest.approx(1e-3, rel=0.05)
+    assert stats.terms["exposure"] > 0
+
+
+def test_the_field_does_not_feel_the_enhancement(
+    tiny_run, tiny_cameras, tiny_images, ndc
+):
+    run, state = tiny_run
+    loud = load_config([], [*TINY_MODEL, "Losses.exposure = 1e3"])
+    run_loud, _ = make_run(loud, tiny_cameras, tiny_images, ndc, jax.devices()[:1])
+    quiet, loud = run(state, 5)[0], run_loud(state, 5)[0]
+    chex.assert_trees_all_equal(quiet.params["field"], loud.params["field"])
+
+
+def test_steps_lower_the_loss(tiny_cameras, ndc):
+    config = load_config(
+        [], [*TINY_MODEL, "Train.max_steps = 60", "Optimizer.lr_init = 1e-2"]
+    )
+    images = tuple(np.full((8, 10, 3), 9000, np.uint16) for _ in range(3))
+    run, state = make_run(config, tiny_cameras, images, ndc, jax.devices()[:1])
+    state, first = run(state, 1)
+    _, last = run(state, 59)
+    assert last.terms["data"] < 0.05 * first.terms["data"]
+    assert last.psnr > first.psnr + 5
+
+
+def test_same_seed_same_run(tiny_run):
+    run, state = tiny_run
+    chex.assert_trees_all_equal(run(state, 3)[0], run(state, 3)[0])
+
+
+def test_keys_differ_by_seed_and_step():
+    draws = {
+        float(jax.random.uniform(key))
+        for seed, step in ((0, 0), (0, 1), (1, 0))
+        for key in sampler.step_keys(seed, jnp.int32(step))
+    }
+    assert len(draws) == 6
+
+
+def test_a_step_that_is_not_finite_keeps_the_state_and_is_named(tiny_run):
+    run, state = tiny_run
+    state, _ = run(state, 4)
+    poisoned = jax.tree.map(lambda x: x, state)
+    layer = poisoned.params["field"]["basis"]["_Dense_1"]["Dense_0"]
+    layer["bias"] = layer["bias"] * jnp.nan
+    kept, stats = run(poisoned, 1)
+    assert not stats.finite
+    chex.assert_trees_all_equal(kept, poisoned)
+    with pytest.raises(Diverged, match=r"step 5: .*loss data"):
+        training.check_finite(stats, 5)
+
+
+def test_finite_steps_pass_the_check(tiny_run):
+    run, state = tiny_run
+    _, stats = run(state, 1)
+    training.check_finite(stats, 1)
+    training.check_finite(None, 0)
+    numbers = training.summarize(stats)
+    assert {"psnr", "loss/data", "grad_norm/field", "grad_norm/phi"} <= numbers.keys()
+
+
+def test_learning_rate_warms_up_and_decays():
+    config = load_config([], []).optimizer
+    schedule = training.field_schedule(config, 105_000)
+    assert schedule(0) == pytest.approx(1e-5, rel=1e-3)
+    assert schedule(2500) == pytest.approx(1e-3, rel=1e-3)
+    assert schedule(105_000) == pytest.approx(1e-5, rel=1e-2)

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The cameras of a video, for every kind of path."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from internal import paths
+from internal.configs import RenderConfig
+from internal.errors import UserError
+from internal.poses import transform_poses
+from internal.scene import load_scene
+from internal.trajectory import path_cameras
+from tests.scene_writers import facing_world, write_colmap
+
+RENDER = RenderConfig(frames=5)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scene")
+    write_colmap(folder, facing_world())
+    return load_scene(folder, split="train")
+
+
+@pytest.mark.parametrize("path", ["spiral", "ellipse", "views"])
+def test_a_path_has_its_frames_and_the_lens_of_the_scene(scene, path):
+    cameras = path_cameras(scene, dataclasses.replace(RENDER, path=path))
+    assert len(cameras) == 5
+    assert cameras.camtoworlds.dtype == np.float32
+    assert set(cameras.widths) == {scene.lenses[0].width}
+    np.testing.assert_array_equal(cameras.directions, scene.cameras.directions)
+
+
+def test_a_file_holds_poses_in_the_frame_of_the_pose_file(scene, tmp_path):
+    world_from_model = np.linalg.inv(scene.model_from_world)
+    model_poses = np.asarray(scene.cameras.camtoworlds, np.float64)
+    file = tmp_path / "path.json"
+    paths.to_json(file, transform_poses(world_from_model, model_poses), fps=24)
+    cameras = path_cameras(scene, dataclasses.replace(RENDER, path=str(file)))
+    np.testing.assert_allclose(cameras.camtoworlds, model_poses, atol=1e-5)
+
+
+def test_an_unknown_path_is_named(scene):
+    with pytest.raises(UserError, match="zigzag"):
+        path_cameras(scene, dataclasses.replace(RENDER, path="zigzag"))

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trains a model on a scene of dark photos.
+
+python train.py --gin_configs=configs/llnerf_small.gin \
+    --gin_bindings="Config.data_dir = 'scenes/night'" \
+    --gin_bindings="Config.checkpoint_dir = 'outputs/night'"
+
+Several processes or hosts: the same command on each, with --coordinator,
+--num_processes and --process_id.
+"""
+
+from collections.abc import Sequence
+
+import jax
+
+from internal import cli, parallel, progress
+from internal.checkpoints import Checkpoints
+from internal.models import Model
+from internal.preview import Preview
+from internal.run_folder import RunLog, open_run
+from internal.sampler import pixel_source
+from internal.training import (
+    check_finite,
+    initial_state,
+    make_train_step,
+    summarize,
+)
+
+
+def main(argv: Sequence[str]) -> int:
+    """Trains until ``Train.max_steps`` or a signal; resumes what it finds."""
+    config = cli.parse_parallel_config("Train on a scene of dark photos.", argv)
+    train = config.train
+
+    # The scene: pictures on the devices, or fed from the host when too large.
+    scene = cli.load_split(config, "train")
+    mesh = parallel.data_mesh(train.batch_size)
+    pixels_of_step = pixel_source(
+        scene.images, scene.cameras, mesh, train, config.max_image_memory
+    )
+    cameras, space = parallel.replicate((scene.cameras, scene.space), mesh)
+
+    # The model, where an earlier run left it or new.
+    model = Model(config.model)
+    folder = open_run(config)
+    checkpoints = Checkpoints(folder, train.checkpoints_kept)
+    if checkpoints.latest_step() is None:
+        state = parallel.replicate(initial_state(config, model), mesh)
+    else:
+        like = jax.eval_shape(lambda: initial_state(config, model))
+        state = checkpoints.restore(like, mesh)
+    start = int(state.step)
+    print(f"run folder: {folder}, from step {start} to {train.max_steps}", flush=True)
+
+    # The loop. A step that is not finite keeps the state before it.
+    train_step = jax.jit(make_train_step(config, model, mesh), donate_argnums=0)
+    preview = Preview(model, scene, mesh, config.render.chunk)
+    stats = None
+    with (
+        cli.Interruption() as interruption,
+        checkpoints,
+        RunLog(folder, start) as log,
+        progress.bar(train.max_steps, "training", "step", initial=start) as bar,
+    ):
+        for step in range(start + 1, train.max_steps + 1):
+            check_finite(stats, step - 1)  # the step before: devices stay busy
+            state, stats = train_step(state, cameras, space, pixels_of_step(step - 1))
+            bar.update()
+            last = step == train.max_steps or bool(interruption)
+            if last or step % train.log_every == 0:
+                check_finite(stats, step)
+                numbers = summarize(stats)
+                bar.set_postfix_str(progress.describe(numbers, bar, train))
+                log.scalars(step, numbers)
+            if last or step % train.preview_every == 0:
+                preview.write(log, step, state.params)
+            if last or step % train.checkpoint_every == 0:
+                checkpoints.save(state)
+            if last:
+                break
+    print(f"step {int(state.step)} is saved in {checkpoints.folder}")
+    return interruption.exit_code
+
+
+if __name__ == "__main__":
+    cli.run_script(main)
