@@ -29,7 +29,11 @@ class Checkpoints:
             max_to_keep=kept, create=True, enable_async_checkpointing=False
         )
         try:
-            self._manager = ocp.CheckpointManager(self.folder, options=options)
+            self._manager = ocp.CheckpointManager(
+                self.folder,
+                options=options,
+                item_handlers=ocp.StandardCheckpointHandler(),
+            )
         except OSError as error:
             raise UserError(
                 f"{self.folder}: cannot be written ({error.strerror}); free space or "
@@ -80,21 +84,28 @@ class Checkpoints:
                 f"{self.folder}: no checkpoint; train first, or correct "
                 "Config.checkpoint_dir"
             )
-        sharding = NamedSharding(mesh, PartitionSpec())
-        target = jax.tree.map(
-            lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=sharding), like
-        )
-        try:
-            restored: Any = self._manager.restore(
-                step, args=ocp.args.StandardRestore(target)
-            )
-            return restored
-        except (ValueError, KeyError, TypeError) as error:
+        # Compared before any array is read: a restore that fails half-way leaves
+        # Orbax's other reads calling into a closed event loop.
+        saved: Any = self._manager.item_metadata(step)
+        if _shapes(saved.tree["params"]) != _shapes(like.params):
             raise UserError(
                 f"{self.folder}: step {step} holds a model of another shape than the "
                 "one configured; use the gin files and bindings it was trained with "
                 f"({self.folder.parent / 'config.json'})"
-            ) from error
+            )
+        sharding = NamedSharding(mesh, PartitionSpec())
+        target = jax.tree.map(
+            lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=sharding), like
+        )
+        restored: Any = self._manager.restore(
+            step, args=ocp.args.StandardRestore(target)
+        )
+        return restored
+
+
+def _shapes(params: Any) -> dict[str, tuple[int, ...]]:
+    leaves = jax.tree_util.tree_flatten_with_path(params)[0]
+    return {jax.tree_util.keystr(path): tuple(leaf.shape) for path, leaf in leaves}
 
 
 def load_trained(config: Config, mesh: Mesh) -> tuple[Model, TrainState]:
