@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import jax
 
-from internal import cli, parallel, progress
+from internal import budget, cli, parallel, progress
 from internal.checkpoints import Checkpoints
 from internal.models import Model
 from internal.preview import Preview
@@ -30,18 +30,19 @@ from internal.training import (
 def main(argv: Sequence[str]) -> int:
     """Trains until ``Train.max_steps`` or a signal; resumes what it finds."""
     config = cli.parse_parallel_config("Train on a scene of dark photos.", argv)
-    train = config.train
 
     # The scene: pictures on the devices, or fed from the host when too large.
     scene = cli.load_split(config, "train")
-    mesh = parallel.data_mesh(train.batch_size)
+    mesh = parallel.data_mesh(config.train.batch_size)
+    model = Model(config.model)
+    config = budget.fit(config, lambda: budget.measure(config, scene, model, mesh))
+    train = config.train
     pixels_of_step = pixel_source(
         scene.images, scene.cameras, mesh, train, config.max_image_memory
     )
     cameras, space = parallel.replicate((scene.cameras, scene.space), mesh)
 
-    # The model, where an earlier run left it or new.
-    model = Model(config.model)
+    # The state, where an earlier run left it or new.
     folder = open_run(config)
     checkpoints = Checkpoints(folder, train.checkpoints_kept)
     if checkpoints.latest_step() is None:
@@ -53,7 +54,9 @@ def main(argv: Sequence[str]) -> int:
     print(f"run folder: {folder}, from step {start} to {train.max_steps}", flush=True)
 
     # The loop. A step that is not finite keeps the state before it.
-    train_step = jax.jit(make_train_step(config, model, mesh), donate_argnums=0)
+    train_step = jax.jit(
+        make_train_step(config, model, mesh, scene.brightness), donate_argnums=0
+    )
     preview = Preview(model, scene, mesh, config.render.chunk)
     stats = None
     with (

@@ -8,49 +8,47 @@ import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import gin
-from beartype import BeartypeConf, beartype
 from beartype.roar import BeartypeCallHintViolation
 
+from internal import fields
+from internal.binding import configurable, typed
 from internal.errors import UserError
+from internal.fields.base import FieldConfig
+from internal.fields.mlp import MLP
 
 # What gin raises for unknown names, bad syntax, missing includes.
 _GIN_ERRORS = (ValueError, TypeError, SyntaxError, OSError, RuntimeError)
 
-_configurable: Any = gin.configurable
-_typed: Any = beartype(conf=BeartypeConf(is_pep484_tower=True))
 
-
-@_configurable("Model")
-@_typed
+@configurable("Model")
+@typed
 @dataclasses.dataclass(frozen=True)
 class ModelConfig:
     """The field, its sampling and the enhancement network."""
 
+    field: FieldConfig = dataclasses.field(default_factory=MLP)  # internal/fields
     decomposition: bool = True  # False: plain mip-NeRF without v, r and phi
     num_samples: tuple[int, ...] = (128, 128)  # per level of hierarchical sampling
     resample_padding: float = 0.01  # mip-NeRF, Eq. 17
     ray_shape: str = "auto"  # cone, cylinder; auto: cylinder in NDC
-    depth: int = 8  # hidden layers of F_density
-    width: int = 256
-    skip: int = 4  # every so many layers the encoding enters again
-    max_deg: int = 16  # of the integrated positional encoding
     deg_view: int = 4
     head_width: int = 128  # hidden width of F1, F2 and phi
     density_noise: float = 1.0  # std, training only
     gamma0: float = 2.2  # paper, Eq. 4
 
 
-@_configurable("Losses")
-@_typed
+@configurable("Losses")
+@typed
 @dataclasses.dataclass(frozen=True)
 class LossConfig:
     """Weights and constants of the losses; a weight of 0 removes a term."""
 
-    data_eps: float = 1e-3  # epsilon_2
+    data_eps: float = 1e-3  # epsilon_2, plus
+    data_eps_of_mean: float = 0.0  # this part of the photos' mean
     coarse: float = 0.1  # data term of the levels before the last
+    interlevel: float = 1.0  # of proposals, where the field has them
     distortion: float = 0.01
     exposure: float = 0.1  # L_c1
     exposure_target: float = 0.55  # e, sRGB
@@ -63,8 +61,8 @@ class LossConfig:
     smooth_beta: float = 1.5
 
 
-@_configurable("Optimizer")
-@_typed
+@configurable("Optimizer")
+@typed
 @dataclasses.dataclass(frozen=True)
 class OptimizerConfig:
     """Adam for the field and, from ``Train.enhance_start``, a fresh one for phi."""
@@ -75,12 +73,14 @@ class OptimizerConfig:
     warmup_factor: float = 0.01
     phi_lr_init: float = 1e-3
     phi_lr_final: float = 1e-4
-    clip_value: float = 0.1  # per element, then
-    clip_norm: float = 0.1  # per group (field, phi)
+    b2: float = 0.999  # of Adam
+    eps: float = 1e-8  # of Adam
+    clip_value: float = 0.1  # per element, then; 0: not at all
+    clip_norm: float = 0.1  # per group (field, phi); 0: not at all
 
 
-@_configurable("Train")
-@_typed
+@configurable("Train")
+@typed
 @dataclasses.dataclass(frozen=True)
 class TrainConfig:
     """The schedule of one run."""
@@ -88,6 +88,7 @@ class TrainConfig:
     max_steps: int = 105_000
     enhance_start: int = 100_000  # first step of the enhancement losses
     batch_size: int = 1024  # centre pixels; each brings its neighbours
+    passes: int = 1  # parts of a batch worked off one after the other
     neighbors: int = 2  # right and below, for L_s; 0: none
     seed: int = 0
     log_every: int = 100
@@ -96,8 +97,8 @@ class TrainConfig:
     preview_every: int = 5000  # TensorBoard pictures of the first test view
 
 
-@_configurable("Render")
-@_typed
+@configurable("Render")
+@typed
 @dataclasses.dataclass(frozen=True)
 class RenderConfig:
     """Camera path, light edit and size of what render.py writes."""
@@ -111,8 +112,8 @@ class RenderConfig:
     temperature: float = 6500.0  # kelvin; 6500 is neutral
 
 
-@_configurable("Config")
-@_typed
+@configurable("Config")
+@typed
 @dataclasses.dataclass(frozen=True)
 class Config:
     """Where the scene is, how to read it, where results go; and all the rest."""
@@ -128,6 +129,7 @@ class Config:
     projection: str = "auto"  # ndc, contract; auto: from the poses
     holdout: int = 8  # every n-th view is a test view where files state no split
     max_image_memory: float = 4.0  # GB of pictures on a device; more are streamed
+    max_minutes: float = 0.0  # stretches the schedule to this time; 0: as configured
     model: ModelConfig = dataclasses.field(default_factory=ModelConfig)
     losses: LossConfig = dataclasses.field(default_factory=LossConfig)
     optimizer: OptimizerConfig = dataclasses.field(default_factory=OptimizerConfig)
@@ -142,6 +144,7 @@ def load_config(files: Sequence[str], bindings: Sequence[str]) -> Config:
         UserError: a file is missing, a name is unknown or a value has a wrong type.
     """
     gin.clear_config()
+    fields.register()
     for file in files:
         if not Path(file).is_file():
             raise UserError(f"{file}: no such gin file; see configs/")
@@ -171,6 +174,8 @@ def _check(config: Config) -> None:
         ),
         "Train.max_steps >= 1": train.max_steps >= 1,
         "Train.batch_size >= 1": train.batch_size >= 1,
+        "Train.passes divides Train.batch_size": train.passes >= 1
+        and train.batch_size % train.passes == 0,
     }
     for rule, holds in rules.items():
         if not holds:

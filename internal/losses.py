@@ -11,6 +11,8 @@ from jax import Array
 from jax.lax import stop_gradient
 from jaxtyping import Float
 
+WHITE = 254.5 / 255.0  # a pixel at least this bright may have been clipped
+
 
 def data_loss(
     rgb: Float[Array, "*b 3"], target: Float[Array, "*b 3"], *, eps: float
@@ -19,10 +21,11 @@ def data_loss(
 
     The squared error in log(c + eps), linearised around the prediction, so that an
     error of one level counts more in the dark. A prediction above 1 equals a
-    clipped pixel.
+    clipped pixel and is too bright for any other.
     """
     clipped = jnp.minimum(rgb, 1.0)
-    return jnp.mean(((clipped - target) / (stop_gradient(clipped) + eps)) ** 2)
+    seen = jnp.where(target >= WHITE, clipped, rgb)
+    return jnp.mean(((seen - target) / (stop_gradient(clipped) + eps)) ** 2)
 
 
 def exposure_loss(enhanced: Float[Array, "*b 3"], *, target: float) -> Float[Array, ""]:

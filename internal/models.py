@@ -20,16 +20,29 @@ from internal.configs import ModelConfig
 from internal.coord import ForwardFacing, Space
 from internal.editing import LightEdit
 from internal.enhance import Coefficients, phi
-from internal.fields import Colored, Decomposed, DecomposedField, Phi, PlainField
+from internal.heads import (
+    DENSITY_BIAS,
+    Colored,
+    Decomposed,
+    DecomposedField,
+    Phi,
+    PlainField,
+)
 from internal.rendering import composite, compute_weights
 
 
 @struct.dataclass
-class Level:
-    """One level of hierarchical sampling."""
+class Histogram:
+    """One level of hierarchical sampling: where along the rays, and how much there."""
 
     s_edges: Float[Array, "*rays n_edges"]
     weights: Float[Array, "*rays n"]
+
+
+@struct.dataclass
+class Level(Histogram):
+    """A level at which the field itself was asked."""
+
     rgb: Float[Array, "*rays 3"]  # dark colour
     samples: Decomposed | Colored  # ``[rays, n, ...]``
 
@@ -64,6 +77,7 @@ class Model(nn.Module):
     config: ModelConfig
 
     def setup(self) -> None:
+        self.proposal = self.config.field.proposal()
         if self.config.decomposition:
             self.field = DecomposedField(self.config)
             self.phi = Phi(self.config)
@@ -79,13 +93,14 @@ class Model(nn.Module):
             Pixels; ``LitRendering`` for a decomposed model.
         """
         last = self.march(rays, space)[-1]
+        assert isinstance(last, Level)
         if self.config.decomposition:
             return self.light_up(last, space, edit)
         return Rendering(last.rgb, depth(space, last))
 
     def march(
         self, rays: Rays, space: Space, key: PRNGKeyArray | None = None
-    ) -> list[Level]:
+    ) -> list[Histogram]:
         """Hierarchical sampling: each level looks closer where the last saw weight.
 
         Args:
@@ -94,26 +109,31 @@ class Model(nn.Module):
             key: randomises sample positions and density; None does not.
 
         Returns:
-            The levels, coarse first.
+            The levels, coarse first; the last, and all of a field without a
+            proposal, are ``Level``.
         """
         count = rays.origins.shape[0]
         s_edges = jnp.broadcast_to(jnp.array([0.0, 1.0]), (count, 2))
         weights = jnp.ones((count, 1))
-        levels: list[Level] = []
+        levels: list[Histogram] = []
         for level, num_samples in enumerate(self.config.num_samples):
+            last = level == len(self.config.num_samples) - 1
             level_key = None if key is None else jax.random.fold_in(key, level)
             if level > 0:
                 weights = stepfun.blur_weights(weights, self.config.resample_padding)
             s_edges = _resample(s_edges, weights, num_samples, level_key)
             t_edges = space.s_to_t(s_edges)
-            samples = self.field(
-                *self._gaussians(rays, space, t_edges),
-                rays.viewdirs,
-                self._density_noise((count, num_samples), level_key),
-            )
-            weights = compute_weights(samples.density, t_edges, rays.directions)
-            rgb = composite(weights, samples.rgb)
-            levels.append(Level(s_edges, weights, rgb, samples))
+            gaussians = self._gaussians(rays, space, t_edges)
+            if self.proposal is not None and not last:
+                density = nn.softplus(self.proposal(*gaussians) + DENSITY_BIAS)
+                weights = compute_weights(density, t_edges, rays.directions)
+                levels.append(Histogram(s_edges, weights))
+            else:
+                noise = self._density_noise((count, num_samples), level_key)
+                samples = self.field(*gaussians, rays.viewdirs, noise)
+                weights = compute_weights(samples.density, t_edges, rays.directions)
+                rgb = composite(weights, samples.rgb)
+                levels.append(Level(s_edges, weights, rgb, samples))
             weights = stop_gradient(weights)
         return levels
 

@@ -43,9 +43,9 @@ class Batch:
     """Pixels ``[patches, members]`` and the stored colours that supervise them."""
 
     pixels: Pixels
-    levels: UInt16[Array | np.ndarray, "patches members 3"]
+    levels: UInt16[Array | np.ndarray, "*batch 3"]
 
-    def rgb(self) -> Float[Array, "patches members 3"]:
+    def rgb(self) -> Float[Array, "*batch 3"]:
         """The colours as sRGB in [0, 1]."""
         return jnp.asarray(self.levels).astype(jnp.float32) / 65535.0
 

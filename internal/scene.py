@@ -57,6 +57,11 @@ class Scene:
     far: float
     model_from_world: Float[np.ndarray, "4 4"]  # similarity: pose file to model
 
+    @property
+    def brightness(self) -> float:
+        """Mean of the pictures, sRGB in [0, 1]."""
+        return float(np.mean([image.mean() for image in self.images])) / UINT16_ONE
+
 
 def load_scene(
     data_dir: Path,
@@ -165,22 +170,21 @@ def _report(
     truth: Truth,
 ) -> None:
     """Prints what was found and decided, and warns about normal light."""
-    brightness = np.mean([image.mean() for image in scene.images]) / UINT16_ONE
     sizes = {f"{lens.width}x{lens.height}" for lens in scene.lenses}
     models = {lens.model for lens in scene.lenses}
     print(
         f"scene {scene.name}: format {files.format}, {len(is_test)} views "
         f"({(~is_test).sum()} train, {is_test.sum()} test), loading {scene.split}\n"
         f"  pictures: {', '.join(sorted(sizes))} pixels, {', '.join(sorted(models))} "
-        f"lens, mean brightness {255 * brightness:.1f} of 255\n"
+        f"lens, mean brightness {255 * scene.brightness:.1f} of 255\n"
         f"  depth: near {bounds.near:.4g}, far {bounds.far:.4g} ({bounds.source}), "
         f"{len(files.points)} sparse points\n"
         f"  projection: {frame.reason}\n"
         f"  truth: {truth.reason}"
     )
-    if brightness > BRIGHT_MEAN:
+    if scene.brightness > BRIGHT_MEAN:
         print(
             f"WARNING: this does not look like a low-light scene: mean brightness "
-            f"{255 * brightness:.0f} of 255. The enhancement is made for dark photos; "
-            "give the dark folder with Config.images_dir"
+            f"{255 * scene.brightness:.0f} of 255. The enhancement is made for dark "
+            "photos; give the dark folder with Config.images_dir"
         )

@@ -58,6 +58,25 @@ def invert_cdf(
     return edge0 + jnp.clip(fraction, 0.0, 1.0) * (edge1 - edge0)
 
 
+def interlevel(
+    edges: Float[Array, "*b n_edges"],
+    weights: Float[Array, "*b n"],
+    outer_edges: Float[Array, "*b m_edges"],
+    outer_weights: Float[Array, "*b m"],
+) -> Float[Array, "*b"]:
+    """How far a proposal fails to cover a histogram (mip-NeRF 360, Eqs. 13-14).
+
+    The outer bins that touch a bin must hold at least its weight; what they lack
+    counts, squared and relative to the weight.
+    """
+    touches = (outer_edges[..., None, 1:] > edges[..., :-1, None]) & (
+        outer_edges[..., None, :-1] < edges[..., 1:, None]
+    )
+    bound = jnp.einsum("...nm,...m->...n", touches.astype(weights.dtype), outer_weights)
+    lack = jnp.maximum(weights - bound, 0.0)
+    return jnp.sum(lack**2 / (weights + 1e-5), axis=-1)
+
+
 def distortion(
     edges: Float[Array, "*b n_edges"], weights: Float[Array, "*b n"]
 ) -> Float[Array, "*b"]:

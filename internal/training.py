@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import optax
 from flax import struct
 from jax import Array
+from jax.lax import stop_gradient
 from jaxtyping import ArrayLike, Float, PRNGKeyArray
 
 from internal import losses, parallel, stepfun
@@ -24,8 +25,8 @@ from internal.configs import Config, LossConfig, OptimizerConfig, TrainConfig
 from internal.coord import ForwardFacing, Space
 from internal.editing import NEUTRAL
 from internal.errors import Diverged
-from internal.models import Level, LitRendering, Model
-from internal.sampler import PixelSource, step_keys
+from internal.models import Histogram, Level, LitRendering, Model
+from internal.sampler import Batch, PixelSource, step_keys
 
 Params = Any  # flax's nested dictionary of arrays by module name
 Terms = dict[str, Float[Array, ""]]  # weighted loss terms by name
@@ -61,11 +62,12 @@ def make_optimizer(
         return jnp.asarray(step) >= train.enhance_start
 
     def group(schedule: optax.Schedule) -> optax.GradientTransformation:
-        return optax.chain(
-            optax.clip(optimizer.clip_value),
-            optax.clip_by_global_norm(optimizer.clip_norm),
-            optax.adam(schedule),
+        clips = [optax.clip(optimizer.clip_value)] * (optimizer.clip_value > 0.0)
+        clips += [optax.clip_by_global_norm(optimizer.clip_norm)] * (
+            optimizer.clip_norm > 0.0
         )
+        adam = optax.adam(schedule, b2=optimizer.b2, eps=optimizer.eps)
+        return optax.chain(*clips, adam)
 
     phi_steps = max(train.max_steps - train.enhance_start, 1)
     return optax.partition(
@@ -82,8 +84,13 @@ def make_optimizer(
                 started,
             ),
         },
-        lambda params: {name: name for name in params},
+        lambda params: {name: _group(name) for name in params},
     )
+
+
+def _group(module: str) -> str:
+    """Who trains a top-level module: proposals learn with the field they serve."""
+    return "phi" if module == "phi" else "field"
 
 
 def field_schedule(optimizer: OptimizerConfig, max_steps: int) -> optax.Schedule:
@@ -109,16 +116,29 @@ def initial_state(config: Config, model: Model) -> TrainState:
 
 
 def field_terms(
-    config: LossConfig, levels: list[Level], rgb: Float[Array, "rays 3"]
+    config: LossConfig, levels: list[Histogram], rgb: Float[Array, "rays 3"], eps: float
 ) -> Terms:
-    """Weighted terms that teach the field."""
-    data = [losses.data_loss(x.rgb, rgb, eps=config.data_eps) for x in levels]
-    spread = stepfun.distortion(levels[-1].s_edges, levels[-1].weights)
-    return {
-        "data": data[-1],
-        "coarse": config.coarse * sum(data[:-1], jnp.zeros(())),
-        "distortion": config.distortion * jnp.mean(spread),
-    }
+    """Weighted terms that teach the field; ``eps`` is the data term's epsilon_2."""
+    *early, last = levels
+    data = [
+        losses.data_loss(x.rgb, rgb, eps=eps) for x in levels if isinstance(x, Level)
+    ]
+    lacks = [
+        jnp.mean(
+            stepfun.interlevel(
+                *stop_gradient((last.s_edges, last.weights)), x.s_edges, x.weights
+            )
+        )
+        for x in early
+        if not isinstance(x, Level)
+    ]
+    spread = stepfun.distortion(last.s_edges, last.weights)
+    terms = {"data": data[-1], "distortion": config.distortion * jnp.mean(spread)}
+    if len(data) > 1:
+        terms["coarse"] = config.coarse * sum(data[:-1], jnp.zeros(()))
+    if lacks:
+        terms["interlevel"] = config.interlevel * sum(lacks, jnp.zeros(()))
+    return terms
 
 
 def phi_terms(
@@ -147,17 +167,22 @@ def phi_terms(
 
 
 def make_train_step(
-    config: Config, model: Model, mesh: jax.sharding.Mesh
+    config: Config, model: Model, mesh: jax.sharding.Mesh, brightness: float
 ) -> Callable[[TrainState, Cameras, Space, PixelSource], tuple[TrainState, StepStats]]:
     """Builds the pure step; the caller jits it and donates the state.
 
     The batch is split over ``mesh``; the losses are means over all of it, so the
-    result does not depend on how many devices share the work. Since phi's losses
-    stop at phi and the field's never reach it, each gets a gradient of its own, and
-    phi costs nothing before ``enhance_start``.
+    result does not depend on how many devices share the work, nor on
+    ``Train.passes``, in which the batch is worked off one part after the other to
+    save memory. Since phi's losses stop at phi and the field's never reach it, each
+    gets a gradient of its own, and phi costs nothing before ``enhance_start``.
+
+    Args:
+        brightness: mean of the training photos, sRGB.
     """
     train = config.train
     optimizer = make_optimizer(config.optimizer, train)
+    data_eps = config.losses.data_eps + config.losses.data_eps_of_mean * brightness
     march: Any = functools.partial(model.apply, method="march")
     light_up: Any = functools.partial(model.apply, method="light_up")
 
@@ -167,35 +192,34 @@ def make_train_step(
         rays: Rays,
         space: Space,
         key: PRNGKeyArray,
-    ) -> tuple[Float[Array, ""], tuple[list[Level], Terms]]:
-        levels = march({"params": {"field": params}}, rays, space, key)
-        terms = field_terms(config.losses, levels, rgb)
-        return sum(terms.values(), jnp.zeros(())), (levels, terms)
+    ) -> tuple[Float[Array, ""], tuple[Level, Terms]]:
+        levels = march({"params": params}, rays, space, key)
+        terms = field_terms(config.losses, levels, rgb, data_eps)
+        return sum(terms.values(), jnp.zeros(())), (levels[-1], terms)
 
     def phi_loss(
         params: Params, level: Level, space: Space
     ) -> tuple[Float[Array, ""], Terms]:
         rendering = light_up({"params": {"phi": params}}, level, space, NEUTRAL)
-        terms = phi_terms(config.losses, rendering, train.batch_size, train.neighbors)
+        patches = train.batch_size // train.passes
+        terms = phi_terms(config.losses, rendering, patches, train.neighbors)
         return sum(terms.values(), jnp.zeros(())), terms
 
-    def train_step(
-        state: TrainState, cameras: Cameras, space: Space, source: PixelSource
-    ) -> tuple[TrainState, StepStats]:
-        pixel_key, render_key = step_keys(train.seed, state.step)
-        batch = source.batch(pixel_key, cameras, train, state.step)
+    def gradients(
+        state: TrainState, cameras: Cameras, space: Space, batch: Batch, key: Array
+    ) -> tuple[Params, Terms, Float[Array, ""]]:
+        """Gradients, loss terms and mean squared error over some of a batch."""
         batch = jax.lax.with_sharding_constraint(batch, parallel.batch_sharding(mesh))
         pixels = jax.tree.map(jnp.ravel, batch.pixels)
         rgb = jnp.reshape(batch.rgb(), (-1, 3))
         rays = cast_rays(cameras, space, pixels.view, pixels.x, pixels.y)
-
-        grads = {}
-        grads["field"], (levels, terms) = jax.grad(field_loss, has_aux=True)(
-            state.params["field"], rgb, rays, space, render_key
+        field_params = {k: x for k, x in state.params.items() if _group(k) == "field"}
+        grads, (last, terms) = jax.grad(field_loss, has_aux=True)(
+            field_params, rgb, rays, space, key
         )
         if config.model.decomposition:
             phi_gradient = functools.partial(
-                jax.grad(phi_loss, has_aux=True), level=levels[-1], space=space
+                jax.grad(phi_loss, has_aux=True), level=last, space=space
             )
             shapes = jax.eval_shape(phi_gradient, state.params["phi"])
             grads["phi"], enhancement_terms = jax.lax.cond(
@@ -205,26 +229,54 @@ def make_train_step(
                 state.params["phi"],
             )
             terms = terms | enhancement_terms
+        return grads, terms, jnp.mean((jnp.clip(last.rgb, 0.0, 1.0) - rgb) ** 2)
 
-        grad_norms = {name: optax.global_norm(tree) for name, tree in grads.items()}
+    def apply(state: TrainState, grads: Params) -> TrainState:
+        updates, opt_state = optimizer.update(grads, state.opt_state, state.params)
+        params = optax.apply_updates(state.params, updates)
+        return TrainState(state.step + 1, params, opt_state)
+
+    def train_step(
+        state: TrainState, cameras: Cameras, space: Space, source: PixelSource
+    ) -> tuple[TrainState, StepStats]:
+        pixel_key, render_key = step_keys(train.seed, state.step)
+        batch = source.batch(pixel_key, cameras, train, state.step)
+        work = functools.partial(gradients, state, cameras, space)
+        grads, terms, error = mean_over_parts(work, batch, render_key, train.passes)
+
+        grad_norms = {
+            group: optax.global_norm(
+                {k: x for k, x in grads.items() if _group(k) == group}
+            )
+            for group in sorted({_group(k) for k in grads})
+        }
         numbers = jnp.stack([*terms.values(), *grad_norms.values()])
         finite = jnp.all(jnp.isfinite(numbers))
-        updates, opt_state = optimizer.update(grads, state.opt_state, state.params)
-        updated = TrainState(
-            state.step + 1, optax.apply_updates(state.params, updates), opt_state
-        )
-        kept = jax.tree.map(
-            lambda new, old: jnp.where(finite, new, old), updated, state
-        )
-        error = jnp.clip(levels[-1].rgb, 0.0, 1.0) - rgb
+        kept = jax.lax.cond(finite, apply, lambda state, _: state, state, grads)
         return kept, StepStats(terms, grad_norms, psnr(error), finite)
 
     return train_step
 
 
-def psnr(error: Float[Array, "*b"]) -> Float[Array, ""]:
-    """Peak signal-to-noise ratio in dB of errors of values in [0, 1], 100 at most."""
-    return -10.0 * jnp.log10(jnp.maximum(jnp.mean(error**2), 1e-10))
+def mean_over_parts(
+    work: Callable[[Batch, PRNGKeyArray], Any],
+    batch: Batch,
+    key: PRNGKeyArray,
+    passes: int,
+) -> Any:
+    """The mean of ``work`` over equal parts of a batch, one after the other."""
+    if passes == 1:
+        return work(batch, key)
+    parts = jax.tree.map(lambda x: x.reshape(passes, -1, *x.shape[1:]), batch)
+    keys = jax.random.split(key, passes)
+    results = jax.lax.map(lambda part: work(*part), (parts, keys))
+    return jax.tree.map(lambda x: jnp.mean(x, axis=0), results)
+
+
+def psnr(error: Float[Array, ""]) -> Float[Array, ""]:
+    """Peak signal-to-noise ratio in dB of a mean squared error of values in [0, 1],
+    100 at most."""
+    return -10.0 * jnp.log10(jnp.maximum(error, 1e-10))
 
 
 def check_finite(stats: StepStats | None, step: int) -> None:

@@ -27,10 +27,10 @@ jax.config.update("jax_num_cpu_devices", 4)
 
 TINY_MODEL = (
     "Model.num_samples = (6, 7)",
-    "Model.depth = 2",
-    "Model.width = 16",
+    "MLP.depth = 2",
+    "MLP.width = 16",
     "Model.head_width = 8",
-    "Model.max_deg = 4",
+    "MLP.max_deg = 4",
     "Train.batch_size = 8",
     "Train.max_steps = 6",
     "Train.enhance_start = 3",

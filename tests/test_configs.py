@@ -31,9 +31,9 @@ def test_the_papers_file_holds_the_defaults():
 
 
 def test_later_bindings_win_and_do_not_leak_into_the_next_load():
-    changed = load_config(["configs/llnerf_small.gin"], ["Model.width = 7"])
-    assert changed.model.width == 7
-    assert load_config([], []).model.width == 256
+    changed = load_config(["configs/llnerf_small.gin"], ["MLP.width = 7"])
+    assert changed.model.field.width == 7
+    assert load_config([], []).model.field.width == 256
 
 
 @pytest.mark.parametrize(
@@ -41,9 +41,9 @@ def test_later_bindings_win_and_do_not_leak_into_the_next_load():
     [
         ("Model.widht = 64", "widht"),
         ("Modle.width = 64", "Modle"),
-        ("Model.width = 'wide'", "width"),
+        ("MLP.width = 'wide'", "width"),
         ("Model.num_samples = [1, 2]", "num_samples"),
-        ("Model.width = ", "parse"),
+        ("MLP.width = ", "parse"),
         ("Model.ray_shape = 'square'", "ray_shape"),
         ("Train.neighbors = 1", "neighbors"),
         ("Train.neighbors = 0", "neighbors"),

@@ -29,6 +29,13 @@ def test_prediction_above_one_equals_a_clipped_pixel():
     assert losses.data_loss(3.0 * white, white, eps=1e-3) == 0.0
 
 
+def test_prediction_above_one_is_pulled_back_from_any_other_pixel():
+    gradient = jax.grad(
+        lambda c: losses.data_loss(jnp.full((1, 3), c), jnp.full((1, 3), 0.5), eps=0.1)
+    )
+    assert gradient(3.0) > 0.0
+
+
 def test_exposure_loss_by_hand_and_its_indifference_to_colour():
     # mean channel 0.3 against 0.5: 0.04
     colored = jnp.array([[0.1, 0.3, 0.5]])

@@ -85,7 +85,7 @@ def test_other_settings_do_not_go_on_in_the_same_folder(scene, run):
 
 def test_a_checkpoint_of_another_shape_is_refused(scene, run):
     with pytest.raises(UserError, match="another shape"):
-        eval_script.main(flags(scene, run, "Model.width = 24"))
+        eval_script.main(flags(scene, run, "MLP.width = 24"))
 
 
 def test_a_run_that_diverges_stops_and_keeps_the_last_good_checkpoint(scene, tmp_path):

@@ -88,3 +88,31 @@ def test_distortion_of_a_needle_is_less_than_of_a_haze():
     needle = jnp.zeros(10).at[4].set(1.0)
     haze = jnp.full(10, 0.1)
     assert stepfun.distortion(edges, needle) < 0.2 * stepfun.distortion(edges, haze)
+
+
+def test_interlevel_is_the_slow_one_and_zero_for_a_cover():
+    rng = np.random.default_rng(3)
+    edges = np.sort(rng.uniform(size=(4, 6)), axis=-1)
+    outer = np.sort(rng.uniform(size=(4, 9)), axis=-1)
+    weights = rng.uniform(size=(4, 5)) / 5
+    outer_weights = rng.uniform(size=(4, 8)) / 40
+
+    def slow(ray):
+        total = 0.0
+        for i in range(5):
+            bound = sum(
+                outer_weights[ray, j]
+                for j in range(8)
+                if outer[ray, j + 1] > edges[ray, i]
+                and outer[ray, j] < edges[ray, i + 1]
+            )
+            lack = max(weights[ray, i] - bound, 0.0)
+            total += lack**2 / (weights[ray, i] + 1e-5)
+        return total
+
+    arguments = [jnp.float32(x) for x in (edges, weights, outer, outer_weights)]
+    fast = stepfun.interlevel(*arguments)
+    np.testing.assert_allclose(fast, [slow(ray) for ray in range(4)], rtol=1e-4)
+    assert np.all(fast > 0)
+    itself = stepfun.interlevel(*arguments[:2], *arguments[:2])
+    np.testing.assert_allclose(itself, 0.0, atol=1e-7)

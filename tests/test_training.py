@@ -18,7 +18,7 @@ def make_run(config, cameras, images, space, devices=None):
     """A function that runs steps from a state, and the initial state."""
     mesh = parallel.data_mesh(config.train.batch_size, devices)
     model = Model(config.model)
-    step = jax.jit(training.make_train_step(config, model, mesh))
+    step = jax.jit(training.make_train_step(config, model, mesh, 0.1))
     fixed = parallel.replicate((cameras, space, sampler.resident_pixels(images)), mesh)
     state = parallel.replicate(training.initial_state(config, model), mesh)
 
@@ -103,7 +103,7 @@ def test_a_step_that_is_not_finite_keeps_the_state_and_is_named(tiny_run):
     run, state = tiny_run
     state, _ = run(state, 4)
     poisoned = jax.tree.map(lambda x: x, state)
-    layer = poisoned.params["field"]["basis"]["_Dense_1"]["Dense_0"]
+    layer = poisoned.params["field"]["basis"]["Dense_1"]["Dense_0"]
     layer["bias"] = layer["bias"] * jnp.nan
     kept, stats = run(poisoned, 1)
     assert not stats.finite
@@ -127,3 +127,28 @@ def test_learning_rate_warms_up_and_decays():
     assert schedule(0) == pytest.approx(1e-5, rel=1e-3)
     assert schedule(2500) == pytest.approx(1e-3, rel=1e-3)
     assert schedule(105_000) == pytest.approx(1e-5, rel=1e-2)
+
+
+def test_parts_of_a_batch_average_to_the_whole(tiny_cameras, tiny_images):
+    resident = sampler.resident_pixels(tiny_images)
+    train = load_config([], TINY_MODEL).train
+    key = jax.random.key(0)
+    batch = resident.batch(key, tiny_cameras, train, jnp.int32(0))
+
+    def work(batch, key):
+        return {"mean": jnp.mean(batch.rgb()), "sum": jnp.mean(batch.pixels.x)}
+
+    whole = training.mean_over_parts(work, batch, key, 1)
+    for passes in (2, 4, 8):
+        parts = training.mean_over_parts(work, batch, key, passes)
+        chex.assert_trees_all_close(parts, whole, rtol=1e-5)
+
+
+def test_a_step_in_passes_learns_like_one_in_one(tiny_cameras, tiny_images, ndc):
+    """Not the same samples along the rays, but the same pixels and losses."""
+    results = []
+    for passes in (1, 2):
+        config = load_config([], [*TINY_MODEL, f"Train.passes = {passes}"])
+        run, state = make_run(config, tiny_cameras, tiny_images, ndc, jax.devices()[:1])
+        results.append(run(state, 5)[1])
+    chex.assert_trees_all_close(results[0].terms, results[1].terms, rtol=0.2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The radiance field: F_density, and F1 and F2 that split its colour into v and r.
+"""What every field shares: F1 and F2, which split its colour into v and r, and phi.
 
 Fields see Gaussians (``mean``, per-axis ``var``) on the axis before the last and
 unit view directions without that axis. Colours and their factors are display-coded
@@ -16,6 +16,7 @@ from jaxtyping import Float
 from internal import mip
 from internal.configs import ModelConfig
 from internal.enhance import Coefficients
+from internal.fields.base import Dense
 
 DENSITY_BIAS = -1.0
 COLOR_BIAS = -5.0  # a new network is dark: exp(-5) is 1.7 / 255
@@ -43,26 +44,6 @@ class Decomposed:
         return self.v * self.r
 
 
-class Density(nn.Module):
-    """F_density: encoded Gaussian -> raw density and features tau (paper, Eq. 1)."""
-
-    config: ModelConfig
-
-    @nn.compact
-    def __call__(
-        self, mean: Float[Array, "*b 3"], var: Float[Array, "*b 3"]
-    ) -> tuple[Float[Array, "*b"], Float[Array, "*b f"]]:
-        config = self.config
-        encoded = mip.integrated_pos_enc(mean, var, config.max_deg)
-        x = encoded
-        for layer in range(config.depth):
-            x = nn.relu(_Dense(config.width)(x))
-            if layer % config.skip == 0 and layer > 0:
-                x = jnp.concatenate([x, encoded], axis=-1)
-        raw_density = _Dense(1)(x)[..., 0]
-        return raw_density, _Dense(config.width)(x)
-
-
 class Lighting(nn.Module):
     """F1: features and view direction -> v (one channel) and its hidden layer."""
 
@@ -74,7 +55,7 @@ class Lighting(nn.Module):
     ) -> tuple[Float[Array, "*b n 1"], Float[Array, "*b n h"]]:
         encoded = mip.pos_enc(viewdirs, self.config.deg_view)
         hidden = nn.relu(_view_layer(self.config.head_width, features, encoded))
-        return jnp.exp(_Dense(1)(hidden) + COLOR_BIAS), hidden
+        return jnp.exp(Dense(1)(hidden) + COLOR_BIAS), hidden
 
 
 class Basis(nn.Module):
@@ -84,8 +65,8 @@ class Basis(nn.Module):
 
     @nn.compact
     def __call__(self, features: Float[Array, "*b f"]) -> Float[Array, "*b 3"]:
-        hidden = nn.relu(_Dense(self.config.head_width)(features))
-        return jnp.exp(_Dense(3)(hidden))
+        hidden = nn.relu(Dense(self.config.head_width)(features))
+        return jnp.exp(Dense(3)(hidden))
 
 
 class DecomposedField(nn.Module):
@@ -101,7 +82,7 @@ class DecomposedField(nn.Module):
         viewdirs: Float[Array, "*b 3"],
         density_noise: Float[Array, "*b n"],
     ) -> Decomposed:
-        raw_density, features = Density(self.config, name="density")(mean, var)
+        raw_density, features = self.config.field.trunk("density")(mean, var)
         v, hidden = Lighting(self.config, name="lighting")(features, viewdirs)
         r = Basis(self.config, name="basis")(features)
         density = nn.softplus(raw_density + DENSITY_BIAS + density_noise)
@@ -121,10 +102,10 @@ class PlainField(nn.Module):
         viewdirs: Float[Array, "*b 3"],
         density_noise: Float[Array, "*b n"],
     ) -> Colored:
-        raw_density, features = Density(self.config, name="density")(mean, var)
+        raw_density, features = self.config.field.trunk("density")(mean, var)
         encoded = mip.pos_enc(viewdirs, self.config.deg_view)
         hidden = nn.relu(_view_layer(self.config.head_width, features, encoded))
-        rgb = jnp.exp(_Dense(3)(hidden) + COLOR_BIAS)
+        rgb = jnp.exp(Dense(3)(hidden) + COLOR_BIAS)
         density = nn.softplus(raw_density + DENSITY_BIAS + density_noise)
         return Colored(density, rgb)
 
@@ -142,26 +123,10 @@ class Phi(nn.Module):
         self, v: Float[Array, "*b 1"], features: Float[Array, "*b f"]
     ) -> Coefficients:
         x = jax.lax.stop_gradient(jnp.concatenate([features, v], axis=-1))
-        hidden = nn.relu(_Dense(self.config.head_width)(x))
+        hidden = nn.relu(Dense(self.config.head_width)(x))
         return Coefficients(
-            alpha=nn.sigmoid(_Dense(1)(hidden)), gamma=nn.sigmoid(_Dense(3)(hidden))
+            alpha=nn.sigmoid(Dense(1)(hidden)), gamma=nn.sigmoid(Dense(3)(hidden))
         )
-
-
-class _Dense(nn.Module):
-    """A dense layer that sees all samples on one axis: on a CPU the gradient of its
-    kernel is then one plain matrix product, a quarter faster."""
-
-    width: int
-    use_bias: bool = True
-
-    @nn.compact
-    def __call__(self, inputs: Float[Array, "*b f"]) -> Float[Array, "*b g"]:
-        layer = nn.Dense(
-            self.width, self.use_bias, kernel_init=nn.initializers.glorot_uniform()
-        )
-        outputs = layer(inputs.reshape(-1, inputs.shape[-1]))
-        return outputs.reshape(*inputs.shape[:-1], self.width)
 
 
 def _view_layer(
@@ -169,5 +134,5 @@ def _view_layer(
 ) -> Float[Array, "*b n h"]:
     """A dense layer of [features, direction]; the direction's part is computed
     once per ray instead of once per sample."""
-    per_ray = _Dense(width, use_bias=False)(encoded)
-    return _Dense(width)(features) + per_ray[..., None, :]
+    per_ray = Dense(width, use_bias=False)(encoded)
+    return Dense(width)(features) + per_ray[..., None, :]
