@@ -11,7 +11,16 @@ from pathlib import Path
 
 import jax
 
-from internal import cli, evaluation, image_io, pages, parallel, progress, run_folder
+from internal import (
+    cli,
+    evaluation,
+    image_io,
+    pages,
+    parallel,
+    process,
+    progress,
+    run_folder,
+)
 from internal.checkpoints import load_trained
 from internal.image import from_uint16
 from internal.pictures import EXPLANATIONS, display_for, pictures
@@ -68,4 +77,5 @@ def _section(output: str, media: list[tuple[str, str]]) -> pages.Section:
 
 
 if __name__ == "__main__":
+    process.restart_tuned()
     cli.run_script(main)

@@ -13,7 +13,17 @@ from pathlib import Path
 
 import jax
 
-from internal import cli, image, image_io, pages, parallel, progress, run_folder, video
+from internal import (
+    cli,
+    image,
+    image_io,
+    pages,
+    parallel,
+    process,
+    progress,
+    run_folder,
+    video,
+)
 from internal.checkpoints import load_trained
 from internal.editing import light_edit
 from internal.pictures import EXPLANATIONS, display_for, pictures
@@ -87,4 +97,5 @@ def forget_other_frames(folder: Path, settings: dict[str, float]) -> None:
 
 
 if __name__ == "__main__":
+    process.restart_tuned()
     cli.run_script(main)

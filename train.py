@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import jax
 
-from internal import budget, cli, parallel, progress
+from internal import budget, cli, parallel, process, progress
 from internal.checkpoints import Checkpoints
 from internal.models import Model
 from internal.preview import Preview
@@ -86,4 +86,5 @@ def main(argv: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
+    process.restart_tuned()
     cli.run_script(main)

@@ -94,6 +94,7 @@ def load_split(config: Config, split: str) -> Scene:
         near=config.near,
         far=config.far,
         projection=config.projection,
+        end_at_far=config.end_at_far,
         holdout=config.holdout,
     )
 

@@ -53,10 +53,12 @@ class Space(Protocol):
 class ForwardFacing:
     """Normalised device coordinates: the frustum becomes a cube (NeRF, App. C).
 
-    ``scale`` is (2 fx / width, 2 fy / height); the near plane is at depth 1.
+    ``scale`` is (2 fx / width, 2 fy / height); the near plane is at depth 1. Rays end
+    at ``t_far``: 1 is infinity, 1 - 1 / z is depth z.
     """
 
     scale: Float[Array | np.ndarray, " 2"]
+    t_far: float = struct.field(default=1.0, pytree_node=False)
 
     def enter(
         self, origins: Float[Array, "*b 3"], directions: Float[Array, "*b 3"]
@@ -64,7 +66,7 @@ class ForwardFacing:
         return world_to_ndc(origins, directions, jnp.asarray(self.scale))
 
     def s_to_t(self, s: Float[Array, "*b"]) -> Float[Array, "*b"]:
-        return s
+        return s * self.t_far
 
     def warp(
         self,

@@ -77,9 +77,16 @@ def find_bounds(
 
 
 def choose_frame(
-    files: SceneFiles, lenses: tuple[Lens, ...], bounds: Bounds, projection: str
+    files: SceneFiles,
+    lenses: tuple[Lens, ...],
+    bounds: Bounds,
+    projection: str,
+    end_at_far: bool,
 ) -> Frame:
     """Decides how space is parameterised, and moves the world to suit it.
+
+    Args:
+        projection: see ``scene.load_scene``; so ``end_at_far``.
 
     Raises:
         UserError: the projection is unknown or cannot hold these cameras.
@@ -103,7 +110,8 @@ def choose_frame(
     reason = f"{chosen}: optical axes within {widest:.0f} degrees of their mean"
     facing = projection == "auto" and poses.is_forward_facing(*cameras)
     if projection == "ndc" or facing:
-        return _forward_facing(files, lenses[0], bounds, reason)
+        end = 1.0 - bounds.near / bounds.far if end_at_far else 1.0
+        return _forward_facing(files, lenses[0], bounds.near, end, reason)
     return _unbounded(files, bounds, reason)
 
 
@@ -151,12 +159,12 @@ def visible_distances(
 
 
 def _forward_facing(
-    files: SceneFiles, lens: Lens, bounds: Bounds, reason: str
+    files: SceneFiles, lens: Lens, near: float, t_far: float, reason: str
 ) -> Frame:
     fx, fy = colmap.focal_lengths(lens)
     scale = jnp.array([2.0 * fx / lens.width, 2.0 * fy / lens.height])
-    model_from_world = poses.forward_facing_frame(files.camtoworlds, bounds.near)
-    return Frame(ForwardFacing(scale), model_from_world, f"ndc ({reason})")
+    model_from_world = poses.forward_facing_frame(files.camtoworlds, near)
+    return Frame(ForwardFacing(scale, t_far), model_from_world, f"ndc ({reason})")
 
 
 def _unbounded(files: SceneFiles, bounds: Bounds, reason: str) -> Frame:

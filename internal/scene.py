@@ -74,6 +74,7 @@ def load_scene(
     near: float = 0.0,
     far: float = 0.0,
     projection: str = "auto",
+    end_at_far: bool = False,
     holdout: int = 8,
 ) -> Scene:
     """Loads one split of a scene and prints what was found and how.
@@ -95,6 +96,7 @@ def load_scene(
         far: likewise the depth past which there is nothing.
         projection: "ndc" for cameras that face one way, "contract" for any others,
             "auto" to detect.
+        end_at_far: with "ndc", rays end at ``far`` and not at infinity.
         holdout: every ``holdout``-th view, from the first, is a test view if the
             files state no split; 0 trains on all.
 
@@ -115,7 +117,7 @@ def load_scene(
             "least 2: add photos, or hold out fewer for testing (Config.holdout)"
         )
     bounds = find_bounds(files, lenses, ~is_test, near, far)
-    frame = choose_frame(files, lenses, bounds, projection)
+    frame = choose_frame(files, lenses, bounds, projection, end_at_far)
     truth = find_truth(files, data_dir, gt_dir)
 
     views = np.flatnonzero(is_test == (split == "test"))

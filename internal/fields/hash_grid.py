@@ -33,7 +33,7 @@ class HashGrid:
     finest: int = 1024
     features: int = 2  # per level and vertex
     log2_rows: int = 18  # of the table of one level; more vertices are hashed
-    width: int = 32  # hidden layer
+    width: int = 64  # hidden layer
     width_out: int = 16  # features tau
     proposal_resolutions: tuple[int, ...] = (32, 96)
     antialias: bool = True

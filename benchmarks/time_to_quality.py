@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a wall-clock budget buys: trains and scores once per budget.
+
+python -m benchmarks.time_to_quality DATA_DIR OUT --minutes 1 2 5 10 [--factor 2] \
+    [--gin_bindings "Config.images_dir = 'high'"]
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from benchmarks import workload
+
+COLUMNS = (
+    ("dark", "psnr"),
+    ("dark", "ssim"),
+    ("enhanced", "psnr"),
+    ("enhanced", "ssim"),
+    ("enhanced", "psnr_exposure_matched"),
+    ("gain_to_mean", "psnr"),
+    ("gain_to_mean", "ssim"),
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data_dir")
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--minutes", type=float, nargs="+", required=True)
+    parser.add_argument("--factor", type=int, default=1)
+    parser.add_argument("--gin_configs", default=workload.FAST)
+    parser.add_argument("--gin_bindings", nargs="*", default=[])
+    flags = parser.parse_args()
+    rows = []
+    for minutes in flags.minutes:
+        run = flags.out / f"factor{flags.factor}_{minutes:g}min"
+        bindings = [
+            f"Config.data_dir = {flags.data_dir!r}",
+            f"Config.factor = {flags.factor}",
+            f"Config.checkpoint_dir = {str(run)!r}",
+            f"Config.max_minutes = {minutes}",
+            *flags.gin_bindings,
+        ]
+        arguments = [f"--gin_configs={flags.gin_configs}"]
+        arguments += [f"--gin_bindings={binding}" for binding in bindings]
+        for script in ("train.py", "eval.py"):
+            subprocess.run([sys.executable, script, *arguments], check=True)
+        scores = json.loads((run / "eval" / "metrics.json").read_text())
+        mean = scores["mean"]
+        cells = [f"{mean[kind][name]:.3f}" for kind, name in COLUMNS if kind in mean]
+        rows.append((f"{minutes:g}", scores["step"], *cells))
+        headers = ("minutes", "steps", *(f"{kind} {name}" for kind, name in COLUMNS))
+        print(workload.markdown(headers, rows), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What benchmarks share: a configured train step on a real scene, timed fairly."""
+
+import contextlib
+import dataclasses
+import io
+import resource
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+
+from internal import cli, configs, parallel, sampler
+from internal.configs import Config
+from internal.models import Model
+from internal.training import TrainState, initial_state, make_train_step
+
+FAST = "configs/llnerf_fast.gin"
+FAITHFUL = "configs/llnerf.gin"
+
+
+@dataclasses.dataclass
+class Workload:
+    """A compiled train step and the state it moves on."""
+
+    config: Config
+    model: Model
+    step: Any  # the jitted train step
+    arguments: tuple
+    state: TrainState
+    compile_seconds: float
+
+    def run(self) -> float:
+        """Seconds of one step."""
+        started = time.perf_counter()
+        self.state, _ = jax.block_until_ready(self.step(self.state, *self.arguments))
+        return time.perf_counter() - started
+
+    @property
+    def rays(self) -> int:
+        """Rays of one step, each supervised by a pixel of its own."""
+        return self.config.train.batch_size * (self.config.train.neighbors + 1)
+
+
+def load(
+    data_dir: str,
+    files: Sequence[str],
+    bindings: Sequence[str] = (),
+    devices: int | None = None,
+) -> Workload:
+    """A workload after its first step, which compiled it."""
+    here = [*bindings, f"Config.data_dir = {data_dir!r}"]
+    config = configs.load_config(files, here)
+    with contextlib.redirect_stdout(io.StringIO()):
+        scene = cli.load_split(config, "train")
+    mesh = parallel.data_mesh(config.train.batch_size, jax.devices()[:devices])
+    model = Model(config.model)
+    pixels = sampler.resident_pixels(scene.images)
+    arguments = parallel.replicate((scene.cameras, scene.space, pixels), mesh)
+    state = parallel.replicate(initial_state(config, model), mesh)
+    step = jax.jit(
+        make_train_step(config, model, mesh, scene.brightness), donate_argnums=0
+    )
+    started = time.perf_counter()
+    step = step.lower(state, *arguments).compile()
+    seconds = time.perf_counter() - started
+    workload = Workload(config, model, step, arguments, state, seconds)
+    workload.run()
+    return workload
+
+
+def interleaved(runs: Sequence[Callable[[], float]], rounds: int) -> list[float]:
+    """Median seconds of each, taken in turns so that a noisy moment hits all."""
+    seconds = [[run() for run in runs] for _ in range(rounds)]
+    return [statistics.median(column) for column in zip(*seconds, strict=True)]
+
+
+def peak_memory() -> float:
+    """The most memory this process has held, GB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+
+
+def markdown(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A Markdown table."""
+    lines = [headers, ["---"] * len(headers), *rows]
+    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
