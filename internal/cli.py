@@ -96,6 +96,7 @@ def load_split(config: Config, split: str) -> Scene:
         projection=config.projection,
         end_at_far=config.end_at_far,
         holdout=config.holdout,
+        max_image_memory=config.max_image_memory,
     )
 
 

@@ -22,8 +22,7 @@ from jaxtyping import Float, Int, PRNGKeyArray, UInt16
 from internal import parallel
 from internal.cameras import Cameras
 from internal.configs import TrainConfig
-
-Picture = UInt16[np.ndarray, "_h _w 3"]
+from internal.picture_store import Picture, PictureStore, gigabytes
 
 # Steps right and down from a patch's centre.
 _OFFSETS = {0: ((0,), (0,)), 2: ((0, 1, 0), (0, 0, 1))}
@@ -160,7 +159,7 @@ class PixelFeeder:
 
     def __init__(
         self,
-        images: Sequence[Picture],
+        images: PictureStore,
         cameras: Cameras,
         mesh: jax.sharding.Mesh,
         train: TrainConfig,
@@ -180,10 +179,7 @@ class PixelFeeder:
         """The batch that ``ResidentPixels.batch`` gives after ``step`` steps."""
         sampled = jax.device_get(self._sample(np.int32(step)))
         pixels = jax.tree.map(lambda x: x[self._share], sampled)
-        levels = np.empty((*pixels.view.shape, 3), np.uint16)
-        for index in np.unique(pixels.view):
-            here = pixels.view == index
-            levels[here] = self._images[index][pixels.y[here], pixels.x[here]]
+        levels = self._images.pixels(pixels.view, pixels.x, pixels.y)
         return FedPixels(parallel.shard_batch(Batch(pixels, levels), self._mesh))
 
 
@@ -200,9 +196,10 @@ def pixel_source(
         max_image_memory: gigabytes of pictures that may lie on a device; larger
             sets, and all sets of a run of several processes, are fed by the host.
     """
-    gigabytes = sum(image.nbytes for image in images) / 1e9
-    if gigabytes > max_image_memory or jax.process_count() > 1:
-        print(f"pictures: {gigabytes:.2f} GB, fed from the host", flush=True)
-        return PixelFeeder(images, cameras, mesh, train).feed
+    stored = isinstance(images, PictureStore)
+    if stored or jax.process_count() > 1 or gigabytes(images) > max_image_memory:
+        print(f"pictures: {gigabytes(images):.2f} GB, fed from the host", flush=True)
+        store = images if isinstance(images, PictureStore) else PictureStore(images)
+        return PixelFeeder(store, cameras, mesh, train).feed
     resident = parallel.replicate(resident_pixels(images), mesh)
     return lambda step: resident

@@ -9,11 +9,12 @@ an area average keeps the precision it gained.
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt16
+from jaxtyping import Bool, Float
 
 from internal import readers
 from internal.cameras import Cameras, Lens
@@ -21,6 +22,7 @@ from internal.colmap import lens_directions
 from internal.coord import ForwardFacing, Unbounded
 from internal.errors import UserError
 from internal.extent import Bounds, Frame, choose_frame, find_bounds
+from internal.picture_store import Picture, hold
 from internal.poses import transform_poses
 from internal.readers.base import SceneFiles
 from internal.scene_loading import (
@@ -50,14 +52,14 @@ class Scene:
     view_names: tuple[str, ...]
     lenses: tuple[Lens, ...]  # at the size of ``images``
     cameras: Cameras  # NumPy arrays, model frame
-    images: tuple[UInt16[np.ndarray, "_h _w 3"], ...]  # dark input
-    truth: tuple[UInt16[np.ndarray, "_h _w 3"], ...]  # () without paired truth
+    images: Sequence[Picture]  # dark input
+    truth: Sequence[Picture]  # () without paired truth
     space: ForwardFacing | Unbounded
     near: float  # depth, in the pose file's units
     far: float
     model_from_world: Float[np.ndarray, "4 4"]  # similarity: pose file to model
 
-    @property
+    @functools.cached_property
     def brightness(self) -> float:
         """Mean of the pictures, sRGB in [0, 1]."""
         return float(np.mean([image.mean() for image in self.images])) / UINT16_ONE
@@ -76,6 +78,7 @@ def load_scene(
     projection: str = "auto",
     end_at_far: bool = False,
     holdout: int = 8,
+    max_image_memory: float = np.inf,
 ) -> Scene:
     """Loads one split of a scene and prints what was found and how.
 
@@ -99,6 +102,8 @@ def load_scene(
         end_at_far: with "ndc", rays end at ``far`` and not at infinity.
         holdout: every ``holdout``-th view, from the first, is a test view if the
             files state no split; 0 trains on all.
+        max_image_memory: gigabytes of pictures to keep in memory; more lie in a
+            temporary file.
 
     Raises:
         UserError: anything about the input that the user has to fix.
@@ -132,11 +137,17 @@ def load_scene(
         view_names=tuple(files.names[v] for v in views),
         lenses=own_lenses,
         cameras=_cameras(own_lenses, camtoworlds),
-        images=tuple(load_picture(files.image_paths[v], lenses[v]) for v in views),
-        truth=tuple(
-            load_truth(truth.paths[v], files.image_paths[v], lenses[v])
-            for v in views
-            if truth.paths
+        images=hold(
+            (load_picture(files.image_paths[v], lenses[v]) for v in views),
+            max_image_memory,
+        ),
+        truth=hold(
+            (
+                load_truth(truth.paths[v], files.image_paths[v], lenses[v])
+                for v in views
+                if truth.paths
+            ),
+            max_image_memory,
         ),
         space=frame.space,
         near=bounds.near,

@@ -472,7 +472,7 @@ class TestPictures:
 class TestTruth:
     def test_folder_beside_the_dark_one_is_found(self, tmp_path, capsys):
         test = load(write_blender(tmp_path, WORLD, test=(1, 3)), "test", **BOUNDS)
-        levels = [int(image.max()) // 257 for image in test.images + test.truth]
+        levels = [int(image.max()) // 257 for image in (*test.images, *test.truth)]
         assert levels == [5, 7, 151, 153]
         assert "paired by equal names: 00.png -> 00.png" in capsys.readouterr().out
 

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rays per second of rendering with the fast field: enhanced colour alone, and all.
+
+python -m benchmarks.render_speed DATA_DIR [--factor 2]
+
+An untrained field costs what a trained one does: nothing is skipped.
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+
+from benchmarks import workload
+from internal import configs, parallel, process
+from internal.models import LitRendering, Model, Rendering
+from internal.renderer import Renderer
+from internal.scene import load_scene
+from internal.training import initial_state
+
+REPEATS = 7
+
+
+def enhanced(rendering: Rendering | LitRendering) -> jax.Array:
+    """The enhanced colour alone; the compiler drops what only the rest needs."""
+    assert isinstance(rendering, LitRendering)
+    return rendering.enhanced
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data_dir", type=Path)
+    parser.add_argument("--factor", type=int, default=2)
+    parser.add_argument("--gin_configs", default=workload.FAST)
+    flags = parser.parse_args()
+    config = configs.load_config([flags.gin_configs], [])
+    scene = load_scene(flags.data_dir, split="test", factor=flags.factor)
+    model, mesh = Model(config.model), parallel.data_mesh(1, jax.devices()[:1])
+    params = initial_state(config, model).params
+    lens = scene.lenses[0]
+    rays = lens.width * lens.height
+    rows, calls = [], []
+    for chosen in (enhanced, None):
+        renderer = Renderer(
+            model, scene.cameras, scene.space, mesh, config.render.chunk, chosen
+        )
+        calls.append(timed(renderer, params))
+        rows.append([calls[-1]()])  # the first call compiles
+    medians = workload.interleaved(calls, REPEATS)
+    for row, label, seconds in zip(
+        rows, ("enhanced", "all outputs"), medians, strict=True
+    ):
+        (compiling,) = row
+        row[:] = [label, f"{rays / seconds:,.0f}", f"{seconds:.3f}", f"{compiling:.1f}"]
+    size = f"s per {lens.width}x{lens.height} view"
+    print(workload.markdown(("what", "rays / s", size, "first call, s"), rows))
+
+
+def timed(renderer: Renderer, params: dict) -> Callable[[], float]:
+    """Seconds of rendering the first view."""
+
+    def run() -> float:
+        started = time.perf_counter()
+        jax.block_until_ready(renderer.view(params, 0))
+        return time.perf_counter() - started
+
+    return run
+
+
+if __name__ == "__main__":
+    process.restart_tuned()
+    main()

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of a scene: in memory, or in a nameless file when they are too many.
+
+The file is gone when the process ends. Pages of it that were read are given back
+after each use, so memory does not grow with the number of photos.
+"""
+
+import tempfile
+from collections.abc import Iterable, Sequence
+from typing import overload
+
+import numpy as np
+from jaxtyping import Int, UInt16
+
+from internal.errors import UserError
+
+Picture = UInt16[np.ndarray, "_h _w 3"]
+
+
+def hold(pictures: Iterable[Picture], max_gigabytes: float) -> Sequence[Picture]:
+    """The pictures as a tuple or, from the first that does not fit, in a file.
+
+    Raises:
+        UserError: the disk is full.
+    """
+    held: list[Picture] = []
+    total = 0
+    rest = iter(pictures)
+    for picture in rest:
+        held.append(picture)
+        total += picture.nbytes
+        if total > 1e9 * max_gigabytes:
+            return PictureStore(held, rest)
+    return tuple(held)
+
+
+def gigabytes(pictures: Sequence[Picture]) -> float:
+    """Size of all pictures together."""
+    if isinstance(pictures, PictureStore):
+        return pictures.nbytes / 1e9
+    return sum(picture.nbytes for picture in pictures) / 1e9
+
+
+class PictureStore(Sequence[Picture]):
+    """A sequence of pictures that lie on disk."""
+
+    def __init__(self, *parts: Iterable[Picture]) -> None:
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115, lives with the store
+        self._shapes: list[tuple[int, ...]] = []
+        self._starts: list[int] = []
+        end = 0
+        try:
+            for part in parts:
+                for picture in part:
+                    self._file.write(np.ascontiguousarray(picture).data)
+                    self._shapes.append(picture.shape)
+                    self._starts.append(end)
+                    end += picture.size
+            self._file.flush()
+        except OSError as error:
+            raise UserError(
+                f"{tempfile.gettempdir()}: pictures do not fit ({error.strerror}); "
+                "free space, set TMPDIR, or raise Config.factor"
+            ) from error
+        self.nbytes = 2 * end
+
+    def __len__(self) -> int:
+        return len(self._shapes)
+
+    @overload
+    def __getitem__(self, index: int) -> Picture: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Picture]: ...
+    def __getitem__(self, index: int | slice) -> Picture | Sequence[Picture]:
+        """A copy of one picture, or of several."""
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        shape = self._shapes[index]
+        offset = 2 * self._starts[index]
+        return np.array(np.memmap(self._file, np.uint16, "r", offset, shape))
+
+    def pixels(
+        self,
+        view: Int[np.ndarray, "*b"],
+        x: Int[np.ndarray, "*b"],
+        y: Int[np.ndarray, "*b"],
+    ) -> UInt16[np.ndarray, "*b 3"]:
+        """Single pixels, by view, column and row."""
+        widths = np.array([shape[1] for shape in self._shapes])
+        first = np.array(self._starts)[view] + 3 * (y * widths[view] + x)
+        levels = np.memmap(self._file, np.uint16, "r")
+        return levels[first[..., None] + np.arange(3)]
