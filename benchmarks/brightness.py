@@ -12,6 +12,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+
 from benchmarks import workload
 from internal import image_io, readers
 from internal.image import linear_to_srgb, srgb_to_linear
@@ -45,7 +47,7 @@ def darker(flags: argparse.Namespace, light: float) -> Path:
     os.makedirs(folder, exist_ok=True)
     for path in readers.read_files(flags.data_dir, "auto", "").image_paths:
         linear = light * srgb_to_linear(image_io.read_srgb(path))
-        image_io.write(folder / f"{path.stem}.png", linear_to_srgb(linear))
+        image_io.write(folder / f"{path.stem}.png", np.asarray(linear_to_srgb(linear)))
     return folder
 
 

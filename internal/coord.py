@@ -9,7 +9,6 @@ warped before it is encoded, and how far away t is in scene units.
 
 from typing import Protocol, runtime_checkable
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
@@ -104,9 +103,7 @@ class Unbounded:
         t_var: Float[Array, "*b 1"],
         r_var: Float[Array, "*b 1"],
     ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
-        cov = mip.lift_covariance(directions, t_var, r_var)
-        warped_mean, warped_cov = contract_gaussians(mean, cov)
-        return warped_mean, jnp.diagonal(warped_cov, axis1=-2, axis2=-1)
+        return contract(mean), contracted_variance(mean, directions, t_var, r_var)
 
     def depth(self, t: Float[Array, "*b"]) -> Float[Array, "*b"]:
         return t
@@ -145,11 +142,23 @@ def contract(x: Float[Array, "*b 3"]) -> Float[Array, "*b 3"]:
     return x * (2.0 * jnp.sqrt(squared) - 1.0) / squared
 
 
-def contract_gaussians(
-    mean: Float[Array, "*b 3"], cov: Float[Array, "*b 3 3"]
-) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3 3"]]:
-    """Pushes Gaussians through ``contract`` to first order (mip-NeRF 360, Eq. 9)."""
-    flat = mean.reshape(-1, 3)
-    jacobian = jax.vmap(jax.jacfwd(contract))(flat).reshape(cov.shape)
-    warped = jnp.einsum("...ij,...jk,...lk->...il", jacobian, cov, jacobian)
-    return contract(mean), warped
+def contracted_variance(
+    mean: Float[Array, "*b 3"],
+    directions: Float[Array, "*b 3"],
+    t_var: Float[Array, "*b 1"],
+    r_var: Float[Array, "*b 1"],
+) -> Float[Array, "*b 3"]:
+    """Per-axis variance of contracted Gaussians to first order (mip-NeRF 360, Eq. 9).
+
+    The Jacobian of ``contract`` is a I + b x x^T and the covariance along a ray is
+    c d d^T + r_var I, so the diagonal of J Sigma J^T needs no matrix.
+    """
+    squared = jnp.maximum(jnp.sum(mean**2, axis=-1, keepdims=True), 1.0)
+    norm = jnp.sqrt(squared)
+    a = (2.0 * norm - 1.0) / squared
+    b = 2.0 * (1.0 - norm) / squared**2
+    along = jnp.sum(mean * directions, axis=-1, keepdims=True)
+    warped_directions = a * directions + b * along * mean
+    c = t_var - r_var / jnp.sum(directions**2, axis=-1, keepdims=True)
+    across = a**2 + (2.0 * a * b + b**2 * squared) * mean**2
+    return c * warped_directions**2 + r_var * across

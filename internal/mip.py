@@ -50,22 +50,10 @@ def lift_variance(
     t_var: Float[Array, "*b 1"],
     r_var: Float[Array, "*b 1"],
 ) -> Float[Array, "*b 3"]:
-    """Diagonal of ``lift_covariance`` (Eq. 16), without the matrix."""
+    """Per-axis variance of a Gaussian along a ray (Eq. 16, the diagonal of Eq. 8)."""
     squared = directions**2
     norm = jnp.sum(squared, axis=-1, keepdims=True)
     return t_var * squared + r_var * (1.0 - squared / norm)
-
-
-def lift_covariance(
-    directions: Float[Array, "*b 3"],
-    t_var: Float[Array, "*b 1"],
-    r_var: Float[Array, "*b 1"],
-) -> Float[Array, "*b 3 3"]:
-    """World-frame covariance of a Gaussian along a ray (Eq. 8)."""
-    outer = directions[..., :, None] * directions[..., None, :]
-    norm = jnp.sum(directions**2, axis=-1)[..., None, None]
-    across = jnp.eye(3, dtype=directions.dtype) - outer / norm
-    return t_var[..., None] * outer + r_var[..., None] * across
 
 
 def integrated_pos_enc(
