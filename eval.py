@@ -11,7 +11,16 @@ from pathlib import Path
 
 import jax
 
-from internal import cli, evaluation, image_io, pages, parallel, progress, run_folder
+from internal import (
+    cli,
+    evaluation,
+    image_io,
+    pages,
+    parallel,
+    progress,
+    report,
+    run_folder,
+)
 from internal.checkpoints import load_trained
 from internal.image import from_uint16
 from internal.pictures import EXPLANATIONS, display_for, pictures
@@ -56,7 +65,12 @@ def main(argv: Sequence[str]) -> int:
         folder,
         f"{scene.name}: test views at step {int(state.step)}",
         "Views that training never saw, rendered by the trained model.",
-        [table, *(_section(output, media) for output, media in written.items())],
+        [
+            report.compare_outputs(written),
+            table,
+            *(_section(output, media) for output, media in written.items()),
+            *report.training_parts(folder.parent),
+        ],
     )
     print(f"{evaluation.as_text(table)}\n{folder / 'index.html'}")
     return 0
