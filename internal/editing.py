@@ -47,7 +47,8 @@ class LightEdit:
 
     def without_gains(self) -> "LightEdit":
         """The part of the edit that must be known while rays are followed."""
-        return LightEdit(self.strength, self.contrast, np.float32(1.0), _NO_GAINS)
+        one = np.ones((), np.float32)
+        return LightEdit(self.strength, self.contrast, one, np.ones(3, np.float32))
 
 
 def light_edit(
@@ -137,5 +138,4 @@ def _check(name: str, value: float, limits: tuple[float, float]) -> None:
         raise UserError(f"{name} = {value}: expected a number from {low} to {high}")
 
 
-_NO_GAINS = np.ones(3, np.float32)
 NEUTRAL = light_edit()

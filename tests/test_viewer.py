@@ -9,6 +9,7 @@ import dataclasses
 import json
 import types
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
@@ -29,16 +30,18 @@ from internal.viewer.free_camera import PIXELS, FreeCamera, single_camera, verti
 from internal.viewer.jobs import Job, Speedometer
 from internal.viewer.session import Session
 from internal.viewer.sharing import Turns
+from internal.viewer.studio import Studio, Trained
 from tests.scene_writers import facing_world, write_blender
 
 POSE = np.eye(4)[:3]
 CAMERA = FreeCamera(POSE, 0.8, 4 / 3)
 DISPLAY = Display(1.0, 1.0, 1.0, 1.0)
 CHUNK = 4000
+NOWHERE = 9.0
 
 
 def rendering(count: int, level: float = 0.5) -> LitRendering:
-    one, three = np.full((count, 1), level), np.full((count, 3), level)
+    one, three = jnp.full((count, 1), level), jnp.full((count, 3), level)
     return LitRendering(
         rgb=three / 10, depth=one, enhanced=three, v=one, r=three, v_enhanced=three,
         alpha=one, gamma=three, gamma_energy=one,
@@ -57,20 +60,31 @@ def scene(tmp_path_factory):
     return load_scene(folder, split="train", near=2.0, far=8.0)
 
 
-@pytest.fixture
-def studio(scene):
-    """What a session needs of a studio; it remembers the edits it rendered."""
-    edits = []
+class FixedSpeed(Speedometer):
+    """A computer of known speed, whatever this one is busy with."""
 
-    def parts(trained, camera, edit):
-        edits.append(edit)
+    def note(self, rays, seconds):
+        pass
+
+
+class FakeStudio(Studio):
+    """Renders constant pictures, and remembers the edits it was asked for."""
+
+    def __init__(self, scene):
+        self.scene, self.turns, self.speed = scene, Turns(), FixedSpeed(1.0)
+        self.trained = Trained({}, 7, DISPLAY)
+        self.edits = []
+
+    def parts(self, trained, camera, edit):
+        self.edits.append(edit)
+        if camera.camtoworlds[0, 0, 3] == NOWHERE:
+            raise ValueError("no such place")
         return parts_of(camera)
 
-    trained = types.SimpleNamespace(step=7, display=DISPLAY)
-    return types.SimpleNamespace(
-        scene=scene, turns=Turns(), speed=Speedometer(1.0), trained=trained,
-        parts=parts, edits=edits, nearest_view=lambda pose: 0,
-    )  # fmt: skip
+
+@pytest.fixture
+def studio(scene):
+    return FakeStudio(scene)
 
 
 @pytest.fixture
@@ -114,7 +128,7 @@ def test_a_still_camera_gets_finer_pictures_up_to_the_wanted_size(studio, page):
 
 
 def test_a_fast_computer_starts_with_a_large_picture(studio, page):
-    studio.speed = Speedometer(1e9)
+    studio.speed = FixedSpeed(1e9)
     page.session.stand(CAMERA)
     work(studio)
     assert len(page.frames) == 1
@@ -173,7 +187,7 @@ def test_rays_without_a_colour_are_black():
 
 
 def jax_like(flat, height, width):
-    values = {n: np.reshape(x, (height, width, -1)) for n, x in vars(flat).items()}
+    values = {n: jnp.reshape(x, (height, width, -1)) for n, x in vars(flat).items()}
     return LitRendering(**values)
 
 
@@ -217,16 +231,8 @@ def test_an_error_reaches_its_own_page_and_no_other(studio, page):
     frames, messages = [], []
     broken = Session(studio, frames.append, messages.append)
     studio.turns.join(broken)
-    healthy_parts = studio.parts
-
-    def parts(trained, camera, edit):
-        if camera.camtoworlds[0, 0, 3] == 9.0:
-            raise ValueError("no such place")
-        return healthy_parts(trained, camera, edit)
-
-    studio.parts = parts
     far = POSE.copy()
-    far[0, 3] = 9.0
+    far[0, 3] = NOWHERE
     broken.stand(dataclasses.replace(CAMERA, camtoworld=far))
     page.session.stand(CAMERA)
     work(studio)
@@ -271,7 +277,7 @@ def test_a_snapshot_is_a_picture_and_a_path_of_one_pose(studio, page, tmp_path):
     world = paths.from_json(first)
     np.testing.assert_allclose(world, takes.in_world(scene, POSE[None]), atol=1e-6)
     np.testing.assert_array_equal(
-        studio.edits[-1].gains, Look(exposure=-1).edit().gains
+        studio.edits[-1].gains, Look(exposure=-1.0).edit().gains
     )
 
 

@@ -115,7 +115,7 @@ def write_all(
 def find_cloud(
     scene: Scene, sightings: Sequence[Sighting], density: Density, count: int
 ) -> Cloud:
-    """About ``count`` points where rays of the views end, in the model's frame.
+    """At most ``count`` points where rays of the views end, in the model's frame.
 
     Only points on which several views agree.
 
@@ -123,7 +123,7 @@ def find_cloud(
         UserError: there are none.
     """
     pixels = sum(int(sighting.is_surface.sum()) for sighting in sightings)
-    every = max(pixels // max(count, 1), 1)
+    every = max(-(-pixels // count), 1)
     ends = [sighting.points[sighting.is_surface] for sighting in sightings]
     colors = [sighting.srgb[sighting.is_surface] for sighting in sightings]
     points, own_colors = np.concatenate(ends)[::every], np.concatenate(colors)[::every]

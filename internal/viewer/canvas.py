@@ -79,7 +79,7 @@ def photo_through(
     photo_from_view: Float[np.ndarray, "3 3"],
     directions: Float[np.ndarray, "pixels 3"],
     view_lens: Lens,
-) -> Picture:
+) -> Float[np.ndarray, "view_height view_width 3"]:
     """A photo as a camera at its place sees it through another lens.
 
     Args:

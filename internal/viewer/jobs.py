@@ -7,7 +7,7 @@ may stop at any time; between two steps nothing is running.
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import jax
 
@@ -75,6 +75,7 @@ class Job:
             self._parts = self._start_parts(self._waiting[0])
 
 
+@runtime_checkable
 class Runnable(Protocol):
     """Something with work to do, a chunk at a time."""
 

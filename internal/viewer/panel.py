@@ -120,7 +120,9 @@ class Panel:
         )
 
         async def light(_: object) -> None:
-            look = Look(**{name: slider.value for name, slider in sliders.items()})
+            look = Look(
+                **{name: float(slider.value) for name, slider in sliders.items()}
+            )
             bindings.value = "\n".join(look.bindings())
             session.light(look)
 

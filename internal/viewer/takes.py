@@ -95,7 +95,7 @@ def smoothed(keyframes: Poses) -> Poses:
     weights = np.array([0.25, 0.5, 0.25])
     positions = np.tensordot(weights, windows[:, :, :, 3], axes=1)
     rotations = [
-        Rotation.from_matrix(window[:, :3]).mean(weights).as_matrix()
+        Rotation.from_matrix(window[:, :, :3]).mean(weights).as_matrix()
         for window in windows.swapaxes(0, 1)
     ]
     inner = np.concatenate([rotations, positions[..., None]], axis=-1)
