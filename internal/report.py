@@ -40,7 +40,7 @@ def training_parts(run: Path) -> list[pages.Markup]:
     return parts
 
 
-def _curves(lines: Sequence[Mapping[str, float]]) -> list[pages.Markup]:
+def _curves(lines: Sequence[Mapping[str, float | int]]) -> list[pages.Markup]:
     """Every logged number that ever changes, over steps."""
     names = [name for name in lines[0] if name not in NOT_CURVES] if lines else []
     series = {name: [line[name] for line in lines] for name in names}

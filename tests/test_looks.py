@@ -6,7 +6,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from internal.configs import RenderConfig, load_config
@@ -22,6 +22,7 @@ def test_the_default_look_is_neutral_and_the_configurations_default():
         np.testing.assert_array_equal(ours, neutral)
 
 
+@settings(deadline=None)
 @given(
     st.builds(
         Look,

@@ -12,7 +12,7 @@ import types
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from internal import paths
@@ -101,6 +101,7 @@ def work(studio):
         pass
 
 
+@settings(deadline=None)
 @given(st.floats(0.1, 10.0), st.sampled_from(sorted(PIXELS.values())))
 def test_a_window_of_any_shape_fits_its_number_of_pixels(aspect, pixels):
     lens = FreeCamera(POSE, 0.8, aspect).lens(pixels)
