@@ -86,6 +86,8 @@ def test_two_point_two_stops_double_the_coded_value():
         {"temperature_kelvin": 1699.0},
         {"temperature_kelvin": 25001.0},
         {"temperature_kelvin": float("nan")},
+        {"tint_stops": 2.1},
+        {"contrast": 0.0},
     ],
 )
 def test_out_of_range_is_one_line_that_names_the_setting(settings):
