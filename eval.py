@@ -19,6 +19,7 @@ from internal import (
     parallel,
     process,
     progress,
+    report,
     run_folder,
 )
 from internal.checkpoints import load_trained
@@ -65,7 +66,12 @@ def main(argv: Sequence[str]) -> int:
         folder,
         f"{scene.name}: test views at step {int(state.step)}",
         "Views that training never saw, rendered by the trained model.",
-        [table, *(_section(output, media) for output, media in written.items())],
+        [
+            report.compare_outputs(written),
+            table,
+            *(_section(output, media) for output, media in written.items()),
+            *report.training_parts(folder.parent),
+        ],
     )
     print(f"{evaluation.as_text(table)}\n{folder / 'index.html'}")
     return 0

@@ -4,14 +4,17 @@
 python render.py with the flags of train.py writes CHECKPOINT_DIR/render/PATH. The
 path and the light are bindings: "Render.path = 'spiral'" (ellipse, views, or a JSON
 file), "Render.exposure = 0.5" (stops), "Render.temperature = 4000.0" (kelvin),
-"Render.strength = 0.7" (0 dark, 1 enhanced). Run again, it renders what is missing.
+"Render.strength = 0.7" (0 dark, 1 enhanced), "Render.tint = 0.3" (stops of magenta),
+"Render.contrast = 1.2". Run again, it renders what is missing.
 """
 
+import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import jax
+import numpy as np
 
 from internal import (
     cli,
@@ -25,7 +28,7 @@ from internal import (
     video,
 )
 from internal.checkpoints import load_trained
-from internal.editing import light_edit
+from internal.looks import configured_look
 from internal.pictures import EXPLANATIONS, display_for, pictures
 from internal.renderer import Renderer
 from internal.trajectory import path_cameras
@@ -38,19 +41,17 @@ def main(argv: Sequence[str]) -> int:
     """Renders the frames that are missing, then the videos."""
     config = cli.parse_config("Render a camera path.", argv)
     render = config.render
-    edit = light_edit(render.strength, render.exposure, render.temperature)
+    look = configured_look(render)
+    edit = look.edit()
     mesh = parallel.data_mesh(jax.device_count())
     model, state = load_trained(config, mesh)
     scene = cli.load_split(config, "train")
     cameras = path_cameras(scene, render)
     renderer = Renderer(model, cameras, scene.space, mesh, render.chunk)
-    display = display_for(renderer.view(state.params, 0))
+    first_view = scene.cameras.take(np.array([0]))
+    display = display_for(renderer.picture(state.params, first_view))
 
-    light = {
-        "strength": render.strength,
-        "exposure": render.exposure,
-        "temperature": render.temperature,
-    }
+    light = dataclasses.asdict(look)
     settings = {"step": int(state.step), "frames": len(cameras), **light}
     folder = Path(config.checkpoint_dir) / "render" / Path(render.path).stem
     outputs = OUTPUTS if config.model.decomposition else ("dark", "depth")

@@ -29,6 +29,11 @@ def enhanced(rendering: Rendering | LitRendering) -> jax.Array:
     return rendering.enhanced
 
 
+def everything(rendering: Rendering | LitRendering) -> Rendering | LitRendering:
+    """All outputs."""
+    return rendering
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data_dir", type=Path)
@@ -42,7 +47,7 @@ def main() -> None:
     lens = scene.lenses[0]
     rays = lens.width * lens.height
     rows, calls = [], []
-    for chosen in (enhanced, None):
+    for chosen in (enhanced, everything):
         renderer = Renderer(
             model, scene.cameras, scene.space, mesh, config.render.chunk, chosen
         )

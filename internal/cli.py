@@ -50,12 +50,18 @@ def add_gin_flags(parser: argparse.ArgumentParser) -> None:
 
 def parse_config(description: str, argv: Sequence[str]) -> Config:
     """The configuration of a single-process script; prints the devices it uses."""
-    parser = argparse.ArgumentParser(description=description)
+    return parse_flags(argparse.ArgumentParser(description=description), argv)[0]
+
+
+def parse_flags(
+    parser: argparse.ArgumentParser, argv: Sequence[str]
+) -> tuple[Config, argparse.Namespace]:
+    """Like ``parse_config``, for a script with flags of its own."""
     add_gin_flags(parser)
     flags = parser.parse_args(argv)
     config = configs.load_config(flags.gin_configs, flags.gin_bindings)
     print(parallel.describe_devices(), flush=True)
-    return config
+    return config, flags
 
 
 def parse_parallel_config(description: str, argv: Sequence[str]) -> Config:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pycolmap
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from internal.cameras import Lens
 from internal.errors import UserError
@@ -119,6 +119,20 @@ def focal_lengths(lens: Lens) -> tuple[float, float]:
     return float(camera.focal_length_x), float(camera.focal_length_y)
 
 
+def pinhole(lens: Lens) -> Lens:
+    """The same view without distortion: equal size, focal lengths, principal point.
+
+    Raises:
+        UserError: it is a panorama, which no pinhole sees.
+    """
+    camera = _camera(lens)
+    if camera.is_spherical():
+        raise UserError(f"lens {lens.model}: a panorama has no pinhole camera")
+    centre = camera.principal_point_x, camera.principal_point_y
+    params = (*focal_lengths(lens), *map(float, centre))
+    return Lens("PINHOLE", lens.width, lens.height, params)
+
+
 def find_model(data_dir: Path) -> Path | None:
     """The first of ``MODEL_FOLDERS`` that holds a whole model, text or binary."""
     for folder in (data_dir / name for name in MODEL_FOLDERS):
@@ -160,6 +174,31 @@ def read_model(folder: Path) -> Reconstruction:
         camtoworlds=np.stack(camtoworlds) * np.append(OPENGL_FROM_OPENCV, 1.0),
         points=np.array(points, np.float64).reshape(-1, 3),
     )
+
+
+def write_model(
+    folder: Path, model: Reconstruction, colors: UInt8[np.ndarray, "m 3"]
+) -> None:
+    """Writes a sparse model as text into an existing folder.
+
+    Args:
+        colors: of the model's points, which no image is said to observe.
+    """
+    written = pycolmap.Reconstruction()
+    camera_ids = {lens: i for i, lens in enumerate(dict.fromkeys(model.lenses), 1)}
+    for lens, camera_id in camera_ids.items():
+        camera = _camera(lens)
+        camera.camera_id = camera_id
+        written.add_camera_with_trivial_rig(camera)
+    views = zip(model.names, model.lenses, model.camtoworlds, strict=True)
+    for image_id, (name, lens, camtoworld) in enumerate(views, 1):
+        opencv = camtoworld * np.append(OPENGL_FROM_OPENCV, 1.0)
+        image = pycolmap.Image(name=name, camera_id=camera_ids[lens], image_id=image_id)
+        cam_from_world = pycolmap.Rigid3d(opencv).inverse()
+        written.add_image_with_trivial_frame(image, cam_from_world)
+    for point, color in zip(model.points, colors, strict=True):
+        written.add_point3D(point, pycolmap.Track(), color)
+    written.write_text(str(folder))
 
 
 def _camera(lens: Lens) -> pycolmap.Camera:

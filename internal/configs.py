@@ -110,6 +110,8 @@ class RenderConfig:
     strength: float = 1.0  # 0: dark, 1: enhanced
     exposure: float = 0.0  # stops
     temperature: float = 6500.0  # kelvin; 6500 is neutral
+    tint: float = 0.0  # stops of magenta over green
+    contrast: float = 1.0  # of the lighting
 
 
 @configurable("Config")

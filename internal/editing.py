@@ -18,6 +18,9 @@ NEUTRAL_KELVIN = 6500.0
 STRENGTH_RANGE = (0.0, 1.0)
 STOPS_RANGE = (-16.0, 16.0)
 KELVIN_RANGE = (1700.0, 25000.0)
+TINT_RANGE = (-2.0, 2.0)
+CONTRAST_RANGE = (0.25, 4.0)
+MIDDLE_GREY = 0.5  # the lighting that contrast leaves as it is
 LUMINANCE_WEIGHTS = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709, linear light
 LINEAR_RGB_FROM_XYZ = np.array(  # IEC 61966-2-1
     [
@@ -33,14 +36,27 @@ class LightEdit:
     """What the user wants of the light, float32; see ``light_edit`` for units."""
 
     strength: Float[Array | np.ndarray, ""]  # 0: as photographed, 1: as learned
+    contrast: Float[Array | np.ndarray, ""]  # factor of the lighting's exponent
     exposure_gain: Float[Array | np.ndarray, ""]  # on display-coded values
-    temperature_gains: Float[Array | np.ndarray, " 3"]  # likewise, red green blue
+    color_gains: Float[Array | np.ndarray, " 3"]  # likewise, red green blue
+
+    @property
+    def gains(self) -> Float[Array | np.ndarray, " 3"]:
+        """All that multiplies a pixel: it can be applied to a finished picture."""
+        return self.exposure_gain * self.color_gains
+
+    def without_gains(self) -> "LightEdit":
+        """The part of the edit that must be known while rays are followed."""
+        one = np.ones((), np.float32)
+        return LightEdit(self.strength, self.contrast, one, np.ones(3, np.float32))
 
 
 def light_edit(
     strength: float = 1.0,
     exposure_stops: float = 0.0,
     temperature_kelvin: float = NEUTRAL_KELVIN,
+    tint_stops: float = 0.0,
+    contrast: float = 1.0,
 ) -> LightEdit:
     """The edit for settings in a user's words; the defaults give gains of exactly 1.
 
@@ -50,6 +66,8 @@ def light_edit(
         temperature_kelvin: colour of the light, 1700 to 25000. 6500 leaves it, a
             lower number is a warmer light (redder picture), a higher one a colder
             light (bluer picture).
+        tint_stops: magenta over green, -2 (green) to 2 (magenta).
+        contrast: power of the lighting about ``MIDDLE_GREY``, 0.25 (flat) to 4.
 
     Raises:
         UserError: a setting is out of range or not a number.
@@ -57,11 +75,15 @@ def light_edit(
     _check("strength", strength, STRENGTH_RANGE)
     _check("exposure_stops", exposure_stops, STOPS_RANGE)
     _check("temperature_kelvin", temperature_kelvin, KELVIN_RANGE)
-    gains = temperature_gains(temperature_kelvin) ** (1.0 / DISPLAY_POWER)
+    _check("tint_stops", tint_stops, TINT_RANGE)
+    _check("contrast", contrast, CONTRAST_RANGE)
+    gain = 2.0 ** (exposure_stops / DISPLAY_POWER) * MIDDLE_GREY ** (1.0 - contrast)
+    linear_gains = temperature_gains(temperature_kelvin) * tint_gains(tint_stops)
     return LightEdit(
         strength=np.asarray(strength, np.float32),
-        exposure_gain=np.asarray(2.0 ** (exposure_stops / DISPLAY_POWER), np.float32),
-        temperature_gains=gains.astype(np.float32),
+        contrast=np.asarray(contrast, np.float32),
+        exposure_gain=np.asarray(gain, np.float32),
+        color_gains=(linear_gains ** (1.0 / DISPLAY_POWER)).astype(np.float32),
     )
 
 
@@ -70,7 +92,18 @@ def temperature_gains(kelvin: float) -> Float[np.ndarray, " 3"]:
 
     A grey keeps its luminance, and at 6500 K each gain is exactly 1.
     """
-    gains = _blackbody_rgb(kelvin) / _blackbody_rgb(NEUTRAL_KELVIN)
+    return _of_luminance_one(_blackbody_rgb(kelvin) / _blackbody_rgb(NEUTRAL_KELVIN))
+
+
+def tint_gains(stops: float) -> Float[np.ndarray, " 3"]:
+    """Gains on linear RGB after which red and blue are ``stops`` above green.
+
+    A grey keeps its luminance, and at 0 each gain is exactly 1.
+    """
+    return _of_luminance_one(2.0 ** (stops * np.array([0.5, -0.5, 0.5])))
+
+
+def _of_luminance_one(gains: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
     return gains / np.average(gains, weights=LUMINANCE_WEIGHTS)
 
 

@@ -41,12 +41,12 @@ def phi(
     """Eq. 4 with exponent 1 / (gamma0 + gamma), under the user's light edit.
 
     The edit's strength moves alpha and the exponent towards their identity, 1; its
-    gains multiply v_hat along the rays (paper, Fig. 9). The neutral edit changes no
-    bit of the result.
+    contrast multiplies the exponent and its gains multiply v_hat along the rays
+    (paper, Fig. 9). The neutral edit changes no bit of the result.
     """
     exponent = 1.0 / (gamma0 + coefficients.gamma)
     weaker = 1.0 - edit.strength
     alpha = coefficients.alpha + weaker * (1.0 - coefficients.alpha)
     exponent = exponent + weaker * (1.0 - exponent)
-    v_hat = enhance_v(v, alpha, exponent)
-    return v_hat * edit.exposure_gain * edit.temperature_gains
+    v_hat = enhance_v(v, alpha, exponent * edit.contrast)
+    return v_hat * edit.exposure_gain * edit.color_gains

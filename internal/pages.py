@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """One static ``index.html`` that shows and explains an output folder.
 
-The page needs no network and no script, and links by relative path, so that the
-folder can be moved, zipped or put on any web server.
+The page needs no network and links by relative path, so that the folder can be
+moved, zipped or put on any web server. Only ``Markup`` may bring a script.
 """
 
 import dataclasses
 import html
 import urllib.parse
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
 from internal.atomic import writing
@@ -58,8 +59,20 @@ class Table:
     rows: tuple[tuple[str, ...], ...]  # one text per header
 
 
+@dataclasses.dataclass(frozen=True)
+class Markup:
+    """A heading, a sentence, and HTML that another module made."""
+
+    heading: str
+    text: str
+    html: str
+
+
 def write_index(
-    folder: Path, title: str, intro: str, sections: list[Section | Table]
+    folder: Path,
+    title: str,
+    intro: str,
+    sections: Sequence[Section | Table | Markup],
 ) -> Path:
     """Writes ``index.html`` into an existing folder and returns its path.
 
@@ -82,8 +95,15 @@ def write_index(
     return path
 
 
-def _section(section: Section | Table) -> str:
+def preformatted(heading: str, text: str, content: str) -> Markup:
+    """A section that shows a text as it is, such as a command or a file."""
+    return Markup(heading, text, f'<div class="scroll">{_tag("pre", content)}</div>')
+
+
+def _section(section: Section | Table | Markup) -> str:
     head = f"{_tag('h2', section.heading)}\n{_tag('p', section.text)}\n"
+    if isinstance(section, Markup):
+        return f"<section>\n{head}{section.html}\n</section>"
     if isinstance(section, Table):
         return (
             f'<section>\n{head}<div class="scroll">{_table(section)}</div>\n</section>'

@@ -8,7 +8,9 @@ world units. A path lies in the frame of the poses it is made from.
 
 import itertools
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -96,10 +98,19 @@ def along_views(
     """Smooth open path through every view, from one end of the capture to the other.
 
     The views are put in an order without jumps, whatever their names say.
-    Positions never leave the box between two neighbouring views. Speed follows
+    """
+    return through(camtoworlds[_visiting_order(_distances(camtoworlds))], n)
+
+
+def through(
+    keyframes: Float[np.ndarray, "keys 3 4"], n: int
+) -> Float[np.ndarray, "{n} 3 4"]:
+    """Smooth open path through keyframes, in their order.
+
+    Positions never leave the box between two neighbouring keyframes. Speed follows
     ``_distances``, so a turn on the spot takes its time too.
     """
-    poses = camtoworlds[_visiting_order(_distances(camtoworlds))]
+    poses = keyframes
     steps = np.diagonal(_distances(poses), offset=1)
     distinct = np.concatenate([[True], steps > 1e-6 * max(steps.sum(), 1e-6)])
     poses, steps = poses[distinct], steps[distinct[1:]]
@@ -142,12 +153,18 @@ def from_json(path: Path) -> Float[np.ndarray, "n 3 4"]:
     return np.stack(matrices)[:, :3]
 
 
-def to_json(path: Path, camtoworlds: Float[np.ndarray, "n 3 4"], fps: int) -> None:
+def to_json(
+    path: Path,
+    camtoworlds: Float[np.ndarray, "n 3 4"],
+    fps: int,
+    facts: Mapping[str, Any] | None = None,
+) -> None:
     """Writes what ``from_json`` reads, and ``fps``, atomically.
 
     Args:
         camtoworlds: in the frame of the scene's pose file.
         fps: frames per second, for other programs.
+        facts: what else the file should state, as JSON can hold it.
 
     Raises:
         UserError: the folder cannot be written or the disk is full.
@@ -156,7 +173,8 @@ def to_json(path: Path, camtoworlds: Float[np.ndarray, "n 3 4"], fps: int) -> No
     matrices = np.concatenate([camtoworlds, last_row], axis=1).reshape(-1, 16)
     entries = [{"camera_to_world": matrix} for matrix in matrices.tolist()]
     with writing(path) as partial:
-        partial.write_text(json.dumps({"camera_path": entries, "fps": fps}))
+        content = {"camera_path": entries, "fps": fps, **(facts or {})}
+        partial.write_text(json.dumps(content))
 
 
 def _focus_depth(near: float, far: float) -> float:

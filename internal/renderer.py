@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whole pictures from a trained model, in chunks of rays, on all devices."""
 
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -18,7 +19,8 @@ from internal.training import Params
 
 
 class Renderer:
-    """Renders views of ``cameras``; compiled once, whatever the views' sizes."""
+    """Renders views of ``cameras`` and any others; compiled once per length of lens
+    table, whatever the views' sizes."""
 
     def __init__(
         self,
@@ -27,7 +29,14 @@ class Renderer:
         space: Space,
         mesh: jax.sharding.Mesh,
         chunk: int,
+        keep: Callable[[Rendering | LitRendering], Any] = lambda rendering: rendering,
     ) -> None:
+        """
+        Args:
+            chunk: rays per call.
+            keep: what is wanted of a rendering; the compiler drops what only the
+                rest needs.
+        """
         devices = mesh.devices.size
         rays_per_call = -(-chunk // devices) * devices
         sharding = parallel.batch_sharding(mesh)
@@ -37,37 +46,52 @@ class Renderer:
         @jax.jit
         def render_chunk(
             params: Params,
-            cameras: Cameras,
+            camera: Cameras,
             space: Space,
             edit: LightEdit,
-            view: Int[Array, ""],
             start: Int[Array, ""],
-        ) -> Rendering | LitRendering:
-            width, height = cameras.widths[view], cameras.heights[view]
+        ) -> Any:
+            width, height = camera.widths[0], camera.heights[0]
             pixel = jnp.minimum(start + jnp.arange(rays_per_call), width * height - 1)
             pixel = jax.lax.with_sharding_constraint(pixel, sharding)
-            views = jnp.full_like(pixel, view)
-            rays = cast_rays(cameras, space, views, pixel % width, pixel // width)
-            return apply({"params": params}, rays, space, edit)
+            views = jnp.zeros_like(pixel)
+            rays = cast_rays(camera, space, views, pixel % width, pixel // width)
+            return keep(apply({"params": params}, rays, space, edit))
 
         self._render_chunk = render_chunk
         self._rays_per_call = rays_per_call
-        self._fixed = parallel.replicate((cameras, space), mesh)
-        self._widths = np.asarray(cameras.widths)
-        self._heights = np.asarray(cameras.heights)
+        self._cameras = cameras
+        self._space = parallel.replicate(space, mesh)
+        self._mesh = mesh
 
-    def view(
-        self, params: Params, view: int, edit: LightEdit = NEUTRAL
-    ) -> Rendering | LitRendering:
-        """All pixels of one view, ``[height, width, channels]``."""
-        width, height = int(self._widths[view]), int(self._heights[view])
-        chunks = [
-            self._render_chunk(params, *self._fixed, edit, view, start)
-            for start in range(0, width * height, self._rays_per_call)
-        ]
+    def view(self, params: Params, view: int, edit: LightEdit = NEUTRAL) -> Any:
+        """What is kept of one view, ``[height, width, channels]``."""
+        return self.picture(params, self._cameras.take(np.array([view])), edit)
 
-        def assemble(*parts: Array) -> Array:
-            pixels = jnp.concatenate(parts)[: width * height]
-            return pixels.reshape(height, width, -1)
+    def picture(
+        self, params: Params, camera: Cameras, edit: LightEdit = NEUTRAL
+    ) -> Any:
+        """What a single camera sees, ``[height, width, channels]``."""
+        return assemble(list(self.parts(params, camera, edit)), camera)
 
-        return jax.tree.map(assemble, *chunks)
+    def parts(self, params: Params, camera: Cameras, edit: LightEdit) -> Iterator[Any]:
+        """The picture of a single camera in chunks of rays, for ``assemble``.
+
+        Each chunk is computed when it is asked for, so a caller may stop between
+        two. Cameras whose lens tables have one length share a compilation.
+        """
+        pixels = int(camera.widths[0]) * int(camera.heights[0])
+        placed = parallel.replicate(camera, self._mesh)
+        for start in range(0, pixels, self._rays_per_call):
+            yield self._render_chunk(params, placed, self._space, edit, start)
+
+
+def assemble(parts: Sequence[Any], camera: Cameras) -> Any:
+    """Joins all parts of a single camera's picture, ``[height, width, channels]``."""
+    width, height = int(camera.widths[0]), int(camera.heights[0])
+
+    def join(*chunks: Array) -> Array:
+        pixels = jnp.concatenate(chunks)[: width * height]
+        return pixels.reshape(height, width, -1)
+
+    return jax.tree.map(join, *parts)

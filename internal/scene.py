@@ -136,7 +136,7 @@ def load_scene(
         split=split,
         view_names=tuple(files.names[v] for v in views),
         lenses=own_lenses,
-        cameras=_cameras(own_lenses, camtoworlds),
+        cameras=posed_cameras(own_lenses, camtoworlds),
         images=hold(
             (load_picture(files.image_paths[v], lenses[v]) for v in views),
             max_image_memory,
@@ -158,10 +158,10 @@ def load_scene(
     return scene
 
 
-def _cameras(
+def posed_cameras(
     lenses: Sequence[Lens], camtoworlds: Float[np.ndarray, "n 3 4"]
 ) -> Cameras:
-    """Lays the tables of all different lenses end to end."""
+    """Cameras with these lenses; tables of different ones lie end to end."""
     different = list(dict.fromkeys(lenses))
     sizes = [lens.width * lens.height for lens in different]
     starts = dict(zip(different, np.cumsum([0, *sizes]), strict=False))

@@ -4,6 +4,9 @@
 What a scene folder can have wrong is in test_scene.py and test_readers.py.
 """
 
+import importlib.machinery
+import importlib.util
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -11,8 +14,10 @@ from pathlib import Path
 import pytest
 
 import eval as eval_script
+import export as export_script
 import render as render_script
 import train as train_script
+import view as view_script
 from internal import cli, run_folder
 from internal.configs import load_config
 from internal.errors import Diverged, UserError
@@ -45,7 +50,9 @@ def test_a_script_prints_one_line_and_exits_with_two():
     assert result.stdout.startswith("devices: ")
 
 
-@pytest.mark.parametrize("script", [train_script, eval_script, render_script])
+@pytest.mark.parametrize(
+    "script", [train_script, eval_script, render_script, view_script, export_script]
+)
 def test_an_unknown_gin_name_exits_with_two(script, monkeypatch, capsys):
     code = exit_code(script.main, bindings("Config.nonsense = 1"), monkeypatch)
     assert code == 2
@@ -57,7 +64,7 @@ def test_no_data_dir_says_how_to_name_one():
         train_script.main([])
 
 
-@pytest.mark.parametrize("script", [eval_script, render_script])
+@pytest.mark.parametrize("script", [eval_script, render_script, export_script])
 def test_no_checkpoint_says_so(script, tmp_path):
     with pytest.raises(UserError, match="holds no checkpoint"):
         script.main(bindings(f"Config.checkpoint_dir = {str(tmp_path)!r}"))
@@ -103,3 +110,30 @@ def test_a_light_edit_out_of_range_is_refused(monkeypatch, capsys):
     argv = bindings("Render.temperature = 10.0")
     assert exit_code(render_script.main, argv, monkeypatch) == 2
     assert "temperature" in capsys.readouterr().err
+
+
+@pytest.fixture
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        yield probe.getsockname()[1], probe
+
+
+def test_a_taken_port_is_one_line(free_port, monkeypatch, capsys):
+    port, probe = free_port
+    probe.listen()
+    code = exit_code(view_script.main, ["--port", str(port)], monkeypatch)
+    assert code == 2
+    assert f"127.0.0.1:{port}: cannot listen" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "script, extra", [(view_script, "viser"), (export_script, "trimesh")]
+)
+def test_a_missing_extra_says_what_to_install(script, extra, monkeypatch):
+    def none_of_it(name, *_):
+        return None if name == extra else importlib.machinery.ModuleSpec(name, None)
+
+    monkeypatch.setattr(importlib.util, "find_spec", none_of_it)
+    with pytest.raises(UserError, match=r"run pip install -e '\.\[(view|export)\]'"):
+        script.main([])

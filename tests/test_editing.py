@@ -17,7 +17,7 @@ def test_neutral_is_exactly_one():
     for edit in (NEUTRAL, light_edit(), light_edit(1.0, 0.0, 6500.0)):
         np.testing.assert_array_equal(edit.strength, np.float32(1.0))
         np.testing.assert_array_equal(edit.exposure_gain, np.float32(1.0))
-        np.testing.assert_array_equal(edit.temperature_gains, np.ones(3, np.float32))
+        np.testing.assert_array_equal(edit.color_gains, np.ones(3, np.float32))
     np.testing.assert_array_equal(temperature_gains(6500.0), np.ones(3))
 
 
@@ -29,16 +29,16 @@ def test_luminance_of_grey_is_kept_in_linear_light(kelvin):
 
 @given(KELVIN, KELVIN)
 def test_more_kelvin_is_bluer(one, other):
-    warm = light_edit(temperature_kelvin=min(one, other)).temperature_gains
-    cold = light_edit(temperature_kelvin=max(one, other)).temperature_gains
+    warm = light_edit(temperature_kelvin=min(one, other)).color_gains
+    cold = light_edit(temperature_kelvin=max(one, other)).color_gains
     assert warm[0] >= cold[0]
     assert warm[2] <= cold[2]
 
 
 def test_warm_is_red_and_cold_is_blue():
-    red, green, blue = light_edit(temperature_kelvin=3000.0).temperature_gains
+    red, green, blue = light_edit(temperature_kelvin=3000.0).color_gains
     assert red > green > blue > 0.0
-    red, green, blue = light_edit(temperature_kelvin=12000.0).temperature_gains
+    red, green, blue = light_edit(temperature_kelvin=12000.0).color_gains
     assert red < green < blue
 
 
@@ -86,6 +86,8 @@ def test_two_point_two_stops_double_the_coded_value():
         {"temperature_kelvin": 1699.0},
         {"temperature_kelvin": 25001.0},
         {"temperature_kelvin": float("nan")},
+        {"tint_stops": 2.1},
+        {"contrast": 0.0},
     ],
 )
 def test_out_of_range_is_one_line_that_names_the_setting(settings):

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lit pictures with poses, as a scene that any NeRF or splatting tool trains on.
+
+``images/`` and two statements of the same pinhole cameras: ``transforms.json``
+(nerfstudio, instant-ngp) and ``sparse/0`` (COLMAP text, with coloured points).
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from internal import colmap, image_io
+from internal.cameras import Lens
+
+
+def write_dataset(
+    folder: Path,
+    pictures: Sequence[UInt8[np.ndarray, "_height _width 3"]],
+    model: colmap.Reconstruction,
+    colors: UInt8[np.ndarray, "m 3"],
+    bounds: tuple[float, float],
+) -> None:
+    """Writes pictures and cameras into an existing folder.
+
+    Args:
+        pictures: one per view of ``model``, whose names end in .png.
+        model: pinhole cameras and points, in the frame of the scene's pose file.
+        colors: of the model's points.
+        bounds: near and far depth.
+    """
+    for name, picture in zip(model.names, pictures, strict=True):
+        path = folder / "images" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        image_io.write(path, picture.astype(np.float32) / 255.0)
+    near, far = bounds
+    views = zip(model.names, model.lenses, model.camtoworlds, strict=True)
+    content = {
+        "camera_model": "PINHOLE",
+        "near": near,
+        "far": far,
+        "frames": [_frame(*view) for view in views],
+    }
+    (folder / "transforms.json").write_text(json.dumps(content, indent=1) + "\n")
+    sparse = folder / "sparse" / "0"
+    sparse.mkdir(parents=True)
+    colmap.write_model(sparse, model, colors)
+
+
+def _frame(
+    name: str, lens: Lens, camtoworld: Float[np.ndarray, "3 4"]
+) -> dict[str, Any]:
+    fx, fy, cx, cy = lens.params
+    return {
+        "file_path": f"images/{name}",
+        "w": lens.width,
+        "h": lens.height,
+        "fl_x": fx,
+        "fl_y": fy,
+        "cx": cx,
+        "cy": cy,
+        "transform_matrix": [*camtoworld.tolist(), [0.0, 0.0, 0.0, 1.0]],
+    }

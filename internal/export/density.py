@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The density of a trained field at points of space, without rays."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from internal.coord import ForwardFacing, Unbounded, contract
+from internal.models import Model
+from internal.training import Params
+
+POINTS_PER_CALL = 65_536
+NEAR_INFINITY = 1e-3  # in field space
+
+Density = Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, " n"]]
+
+
+def make_density(model: Model, params: Params, footprint: float) -> Density:
+    """A function from points in field space to density.
+
+    Args:
+        footprint: standard deviation, along each axis, of the Gaussians that the
+            field is asked about; details smaller than that are not seen.
+    """
+    apply: Any = model.apply
+
+    def at_points(module: Model, points: Float[Array, "n 3"]) -> Float[Array, " n"]:
+        mean = points[:, None]
+        variance = jnp.full_like(mean, footprint**2)
+        ahead = jnp.broadcast_to(jnp.array([0.0, 0.0, -1.0]), points.shape)
+        samples = module.field(mean, variance, ahead, jnp.zeros(mean.shape[:2]))
+        return samples.density[:, 0]
+
+    call = jax.jit(lambda params, p: apply({"params": params}, p, method=at_points))
+
+    def density(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+        values = [np.zeros(0, np.float32)]
+        for start in range(0, len(points), POINTS_PER_CALL):
+            some = np.asarray(points[start : start + POINTS_PER_CALL], np.float32)
+            padded = np.pad(some, ((0, POINTS_PER_CALL - len(some)), (0, 0)), "edge")
+            values.append(np.asarray(call(params, padded))[: len(some)])
+        return np.concatenate(values)
+
+    return density
+
+
+def to_field_space(
+    space: ForwardFacing | Unbounded, points: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """From the model's frame to where the field looks points up."""
+    if isinstance(space, Unbounded):
+        return np.asarray(contract(jnp.asarray(points, jnp.float32)), np.float64)
+    x, y, z = points.T
+    scale_x, scale_y = np.asarray(space.scale, np.float64)
+    return np.stack([-scale_x * x / z, -scale_y * y / z, 1.0 + 2.0 / z], axis=-1)
+
+
+def from_field_space(
+    space: ForwardFacing | Unbounded, points: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """The inverse of ``to_field_space``; infinity becomes far away."""
+    if isinstance(space, Unbounded):
+        radius = np.linalg.norm(points, axis=-1, keepdims=True)
+        beyond = np.maximum(radius, 1.0) * np.maximum(2.0 - radius, NEAR_INFINITY)
+        return np.where(radius > 1.0, points / beyond, points)
+    x, y, z_ndc = points.T
+    scale_x, scale_y = np.asarray(space.scale, np.float64)
+    z = 2.0 / np.minimum(z_ndc - 1.0, -NEAR_INFINITY)
+    return np.stack([-x * z / scale_x, -y * z / scale_y, z], axis=-1)
+
+
+def normals(
+    density: Density,
+    space: ForwardFacing | Unbounded,
+    points: Float[np.ndarray, "n 3"],
+    steps: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, "n 3"]:
+    """Unit vectors against the gradient of density, in the model's frame.
+
+    By central differences of ``steps``, which no field has to be differentiable
+    for. Where density is flat the normal is zero.
+    """
+    gradient = np.empty_like(points)
+    for axis in range(3):
+        shift = np.zeros_like(points)
+        shift[:, axis] = steps
+        after, before = (
+            density(to_field_space(space, points + sign * shift)) for sign in (1, -1)
+        )
+        gradient[:, axis] = after - before
+    lengths = np.linalg.norm(gradient, axis=-1, keepdims=True)
+    return -gradient / np.where(lengths > 0.0, lengths, 1.0)

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Everything that export.py writes, from rendered views to files.
+
+All files are in the frame and units of the scene's pose file, so that they line up
+with what the user has already.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from jaxtyping import Float
+
+from internal import colmap, image, poses, progress
+from internal.errors import UserError
+from internal.export import shapes
+from internal.export.dataset import write_dataset
+from internal.export.density import (
+    Density,
+    from_field_space,
+    normals,
+    to_field_space,
+)
+from internal.export.shapes import Cloud, Mesh
+from internal.export.sightings import Sighting, mean_colors, surface_points
+from internal.made_folder import Facts
+from internal.models import LitRendering, Rendering
+from internal.scene import Scene, posed_cameras
+
+RenderView = Callable[[int], Rendering | LitRendering]
+
+COLMAP_POINTS = 20_000  # enough to start splats from
+FEWEST_VIEWS = 2  # that must agree on a point of the cloud
+BACKGROUND = 0.98  # of the far depth: what ends there hit nothing
+SMALLEST_STEP = 2e-3  # of normals' differences, share of the distance to the cameras
+
+
+@dataclasses.dataclass(frozen=True)
+class Wanted:
+    """How much detail is exported."""
+
+    points: int = 200_000
+    resolution: int = 160  # cells along the mesh's longest side
+
+
+def undistorted(scene: Scene) -> Scene:
+    """The scene's views through pinholes: other tools expect them, and rendering
+    through them is free."""
+    lenses = tuple(map(colmap.pinhole, scene.lenses))
+    camtoworlds = np.asarray(scene.cameras.camtoworlds)
+    return dataclasses.replace(
+        scene, lenses=lenses, cameras=posed_cameras(lenses, camtoworlds)
+    )
+
+
+def look_around(scene: Scene, render: RenderView) -> list[Sighting]:
+    """Renders every view of an undistorted scene."""
+    views = range(len(scene.lenses))
+    return [
+        _sighting(scene, view, render(view))
+        for view in progress.track(views, len(views), "looking around", "view")
+    ]
+
+
+def write_all(
+    folder: Path,
+    scene: Scene,
+    sightings: Sequence[Sighting],
+    density: Density,
+    wanted: Wanted,
+) -> Facts:
+    """Writes the point cloud, the mesh and the dataset; returns sizes and bounds.
+
+    Raises:
+        UserError: no view ends on a surface.
+    """
+    world_from_model = np.linalg.inv(scene.model_from_world)
+    cloud = find_cloud(scene, sightings, density, wanted.points)
+    mesh = find_mesh(scene, sightings, density, cloud.points, wanted.resolution)
+
+    def in_world(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        return poses.transform_points(world_from_model, points)
+
+    rotation = world_from_model[:3, :3] / np.cbrt(
+        np.linalg.det(world_from_model[:3, :3])
+    )
+    cloud = Cloud(in_world(cloud.points), cloud.normals @ rotation.T, cloud.colors)
+    mesh = dataclasses.replace(mesh, vertices=in_world(mesh.vertices))
+    shapes.write_cloud(folder / "points.ply", cloud)
+    for name in ("mesh.ply", "mesh.glb"):
+        shapes.write_mesh(folder / name, mesh)
+
+    names = tuple(
+        PurePosixPath(n).with_suffix(".png").as_posix() for n in scene.view_names
+    )
+    some = slice(None, None, -(-len(cloud.points) // COLMAP_POINTS))
+    camtoworlds = np.asarray(scene.cameras.camtoworlds, np.float64)
+    model = colmap.Reconstruction(
+        names, scene.lenses,
+        poses.transform_poses(world_from_model, camtoworlds), cloud.points[some],
+    )  # fmt: skip
+    (folder / "dataset").mkdir()
+    pictures = [sighting.srgb for sighting in sightings]
+    write_dataset(
+        folder / "dataset", pictures, model, cloud.colors[some], (scene.near, scene.far)
+    )
+    facts: Facts = {"views": float(len(pictures)), "points": float(len(cloud.points))}
+    facts |= {"triangles": float(len(mesh.faces))}
+    for name, points in (("points", cloud.points), ("mesh", mesh.vertices)):
+        facts |= _bounds(name, points)
+    return facts
+
+
+def find_cloud(
+    scene: Scene, sightings: Sequence[Sighting], density: Density, count: int
+) -> Cloud:
+    """At most ``count`` points where rays of the views end, in the model's frame.
+
+    Only points on which several views agree.
+
+    Raises:
+        UserError: there are none.
+    """
+    pixels = sum(int(sighting.is_surface.sum()) for sighting in sightings)
+    every = max(-(-pixels // count), 1)
+    ends = [sighting.points[sighting.is_surface] for sighting in sightings]
+    colors = [sighting.srgb[sighting.is_surface] for sighting in sightings]
+    points, own_colors = np.concatenate(ends)[::every], np.concatenate(colors)[::every]
+    seen, _ = mean_colors(points, sightings)
+    agreed = seen >= min(FEWEST_VIEWS, len(sightings))
+    if not agreed.any():
+        raise UserError(
+            "no two views agree on any surface: the model knows no shape yet; train "
+            "it for longer"
+        )
+    points = points[agreed]
+    steps = SMALLEST_STEP * _distances(scene, points)
+    outwards = normals(density, scene.space, points, steps)
+    return Cloud(points, outwards, own_colors[agreed])
+
+
+def find_mesh(
+    scene: Scene,
+    sightings: Sequence[Sighting],
+    density: Density,
+    points: Float[np.ndarray, "n 3"],
+    resolution: int,
+) -> Mesh:
+    """The surface through the cloud, cropped to what the views saw, model frame."""
+    in_field = to_field_space(scene.space, points)
+    level = shapes.choose_threshold(density(in_field))
+    vertices, faces = shapes.isosurface(density, in_field, level, resolution)
+    vertices = from_field_space(scene.space, vertices)
+    seen, colors = mean_colors(vertices, sightings)
+    mesh = shapes.keep_faces(Mesh(vertices, faces, colors), seen > 0)
+    steps = SMALLEST_STEP * _distances(scene, mesh.vertices)
+    return shapes.face_outwards(
+        mesh, normals(density, scene.space, mesh.vertices, steps)
+    )
+
+
+def describe(facts: Facts) -> list[tuple[str, str]]:
+    """What was exported, a line per file: (file, size and bounds)."""
+
+    def box(name: str) -> str:
+        ends = [f"{facts[f'{name}_{axis}0']:.3g} to {facts[f'{name}_{axis}1']:.3g}"
+                for axis in "xyz"]  # fmt: skip
+        return f"x {ends[0]}, y {ends[1]}, z {ends[2]}"
+
+    triangles = f"{facts['triangles']:,.0f} triangles, {box('mesh')}"
+    return [
+        ("points.ply", f"{facts['points']:,.0f} points, {box('points')}"),
+        ("mesh.ply", triangles),
+        ("mesh.glb", triangles),
+        ("dataset", f"{facts['views']:,.0f} lit pictures with cameras"),
+    ]
+
+
+def _sighting(scene: Scene, view: int, rendering: Rendering | LitRendering) -> Sighting:
+    lens = scene.lenses[view]
+    camtoworld = np.asarray(scene.cameras.camtoworlds[view], np.float64)
+    lit = rendering.enhanced if isinstance(rendering, LitRendering) else rendering.rgb
+    depth = np.asarray(rendering.depth, np.float64)[..., 0]
+    directions = colmap.lens_directions(lens).reshape(lens.height, lens.width, 3)
+    scale = float(np.cbrt(np.linalg.det(scene.model_from_world[:3, :3])))
+    points = surface_points(scene.space, camtoworld, directions, depth)
+    is_surface = depth < BACKGROUND * scale * scene.far
+    return Sighting(lens, camtoworld, image.to_uint8(lit), points, is_surface)
+
+
+def _distances(
+    scene: Scene, points: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, " n"]:
+    """From each point to the middle of the cameras."""
+    middle = np.asarray(scene.cameras.camtoworlds)[:, :, 3].mean(axis=0)
+    return np.linalg.norm(points - middle, axis=-1)
+
+
+def _bounds(name: str, points: Float[np.ndarray, "n 3"]) -> Facts:
+    if len(points) == 0:
+        points = np.zeros((1, 3))
+    ends = points.min(axis=0), points.max(axis=0)
+    return {
+        f"{name}_{axis}{end}": float(ends[end][i])
+        for i, axis in enumerate("xyz")
+        for end in (0, 1)
+    }

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a rendering to the picture in the browser: light gains, choice, split.
+
+Everything here is cheap: turning exposure or colour, choosing another output and
+dragging the split need no new rendering.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from internal import colmap, image
+from internal.cameras import Lens
+from internal.models import LitRendering, Rendering
+from internal.pictures import Display, Picture, pictures
+
+PHOTO = "photo"
+NOTHING = "nothing"
+LINE_GREY = 0.9
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice:
+    """Which outputs are seen, and where one ends and the other begins."""
+
+    left: str = "enhanced"
+    right: str = NOTHING
+    split: float = 0.5  # of the width
+
+
+def draw(
+    rendering: Rendering | LitRendering,
+    display: Display,
+    gains: Float[np.ndarray, " 3"],
+    choice: Choice,
+    photo: Picture,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """The picture that a user sees.
+
+    Args:
+        rendering: rendered without the light's gains.
+        display: scales of outputs that are not colours.
+        gains: of the light, on display-coded red, green and blue.
+        photo: what ``PHOTO`` shows, at the rendering's size.
+    """
+    shown = pictures(with_gains(rendering, gains), display) | {PHOTO: photo}
+    left = shown.get(choice.left, shown["dark"])
+    if choice.right == NOTHING:
+        return _to_uint8(left)
+    right = shown.get(choice.right, shown["dark"])
+    width = left.shape[1]
+    column = min(max(round(choice.split * width), 0), width)
+    joined = np.concatenate([left[:, :column], right[:, column:]], axis=1)
+    thickness = max(width // 250, 1)
+    joined[:, max(column - thickness, 0) : column] = LINE_GREY
+    return _to_uint8(joined)
+
+
+def with_gains(
+    rendering: Rendering | LitRendering, gains: Float[np.ndarray, " 3"]
+) -> Rendering | LitRendering:
+    """The rendering under a brighter or differently coloured light.
+
+    Gains multiply v_hat at every sample alike, hence the composited pixels too.
+    """
+    if not isinstance(rendering, LitRendering):
+        return rendering
+    return dataclasses.replace(
+        rendering,
+        enhanced=rendering.enhanced * gains,
+        v_enhanced=rendering.v_enhanced * gains,
+    )
+
+
+def photo_through(
+    photo: Picture,
+    photo_lens: Lens,
+    photo_from_view: Float[np.ndarray, "3 3"],
+    directions: Float[np.ndarray, "pixels 3"],
+    view_lens: Lens,
+) -> Float[np.ndarray, "view_height view_width 3"]:
+    """A photo as a camera at its place sees it through another lens.
+
+    Args:
+        photo_from_view: rotation from the camera's axes to the photo's.
+        directions: of the camera's pixels, in its own frame.
+
+    Returns:
+        Nearest pixels, [height, width, 3]; black where the photo shows nothing.
+    """
+    pixels = colmap.project(photo_lens, directions.astype(float) @ photo_from_view.T)
+    inside = (pixels >= 0.0) & (pixels < [photo_lens.width, photo_lens.height])
+    seen = inside.all(axis=-1, keepdims=True)
+    column, row = np.where(seen, pixels, 0.0).astype(int).T
+    values = np.where(seen, photo[row, column], 0.0).astype(np.float32)
+    return values.reshape(view_lens.height, view_lens.width, 3)
+
+
+def _to_uint8(picture: Picture) -> UInt8[np.ndarray, "height width 3"]:
+    """Rays that never enter the scene's space have no colour; they are shown black."""
+    return image.to_uint8(np.nan_to_num(picture))

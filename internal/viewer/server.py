@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The viewer's server: a page per browser, one thread that renders for all.
+
+The optional extra ``view`` brings viser.
+"""
+
+import socket
+import threading
+from pathlib import Path
+
+import numpy as np
+import viser
+
+from internal.configs import Config
+from internal.errors import UserError
+from internal.viewer.panel import Panel
+from internal.viewer.session import Session
+from internal.viewer.studio import Studio
+
+SECONDS_BETWEEN_LOOKS = 3.0  # for a newer checkpoint
+
+
+class Server:
+    """Serves until ``close``. Pages that come and go do not disturb each other."""
+
+    def __init__(self, config: Config, studio: Studio, host: str, port: int) -> None:
+        check_free(host, port)
+        self._config, self._studio = config, studio
+        self._pages: dict[int, tuple[Panel, Session]] = {}
+        self._closed = threading.Event()
+        self._server = viser.ViserServer(host, port, label="LLNeRF", verbose=False)
+        self.address = f"http://{host}:{self._server.get_port()}"
+        self._set_the_stage()
+        self._server.on_client_connect(self._open)
+        self._server.on_client_disconnect(self._shut)
+        threading.Thread(target=studio.turns.run_forever, daemon=True).start()
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def wait(self) -> None:
+        """Returns when it is closed; Ctrl-C interrupts."""
+        while not self._closed.wait(1.0):
+            pass
+
+    def close(self) -> None:
+        """Ends all pages and both threads."""
+        self._closed.set()
+        self._studio.turns.stop()
+        self._server.stop()
+
+    def _set_the_stage(self) -> None:
+        """Every page starts at the first photo's place, upright as the photos are."""
+        first = self._studio.view_camera(0)
+        poses = np.asarray(self._studio.scene.cameras.camtoworlds)
+        up = poses[:, :, 1].mean(axis=0)
+        self._server.scene.set_up_direction(up / np.linalg.norm(up))
+        start = self._server.initial_camera
+        centre = first.camtoworld[:, 3]
+        start.position = centre
+        start.look_at = centre - self._studio.focus_depth() * first.camtoworld[:, 2]
+        start.fov = first.fov
+        self._server.gui.configure_theme(
+            dark_mode=True, show_logo=False, show_share_button=False
+        )
+        self._server.gui.main_panel.dock_right()
+
+    def _open(self, client: viser.ClientHandle) -> None:
+        session = Session(self._studio, lambda f: panel.show(f), lambda t: panel.say(t))
+        folder = Path(self._config.checkpoint_dir) / "view"
+        panel = Panel(client, self._studio, session, self._config.render, folder)
+        self._pages[client.client_id] = panel, session
+        self._studio.turns.join(session)
+
+    def _shut(self, client: viser.ClientHandle) -> None:
+        page = self._pages.pop(client.client_id, None)
+        if page:
+            panel, session = page
+            panel.close()
+            self._studio.turns.leave(session)
+
+    def _watch(self) -> None:
+        """Shows newer checkpoints as a training that still runs writes them."""
+        while not self._closed.wait(SECONDS_BETWEEN_LOOKS):
+            try:
+                newer = self._studio.update()
+            except (UserError, OSError, ValueError) as error:
+                print(f"newer checkpoint not read, trying again: {error}", flush=True)
+                continue
+            if newer:
+                print(f"showing step {self._studio.trained.step}", flush=True)
+                for _, session in list(self._pages.values()):
+                    session.refresh()
+
+
+def check_free(host: str, port: int) -> None:
+    """Raises a ``UserError`` if nobody can listen there."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except (OSError, OverflowError) as error:
+            raise UserError(
+                f"{host}:{port}: cannot listen there ({error}); end the program that "
+                "does, or choose another --port"
+            ) from error

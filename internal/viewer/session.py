@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One user's view of the scene: what is wanted, what is computed, what is shown.
+
+Handlers of a browser's messages call the setters from any thread; they only note
+what is wanted. The thread that runs ``Turns`` calls ``step`` and does all the work.
+"""
+
+import collections
+import dataclasses
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
+
+from internal.colmap import lens_directions
+from internal.image import from_uint16
+from internal.looks import Look
+from internal.models import LitRendering, Rendering
+from internal.pictures import Picture
+from internal.viewer import takes
+from internal.viewer.canvas import PHOTO, Choice, draw, photo_through
+from internal.viewer.free_camera import (
+    COARSE_PIXELS,
+    PIXELS,
+    FreeCamera,
+    single_camera,
+)
+from internal.viewer.jobs import Job
+from internal.viewer.studio import Studio, Trained
+
+SECONDS_TO_FIRST_PICTURE = 0.2
+FRAMES_TIMED = 8
+
+
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    """A picture for the browser and what is said about it."""
+
+    picture: UInt8[np.ndarray, "height width 3"]
+    number: int
+    frames_per_second: float
+    rays_per_second: float
+    step: int
+    finished: bool  # nothing finer follows
+
+    def describe(self) -> str:
+        """One line for the panel."""
+        height, width, _ = self.picture.shape
+        state = "" if self.finished else ", refining"
+        return (
+            f"frame {self.number}: {width} x {height}{state}, "
+            f"{self.frames_per_second:.1f} frames/s, "
+            f"{self.rays_per_second:,.0f} rays/s, step {self.step}"
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Shown:
+    """The last rendering, kept to be drawn again under other gains or choices."""
+
+    rendering: Rendering | LitRendering
+    camera: FreeCamera
+    trained: Trained
+
+
+class Session:
+    """Takes part in ``Turns``; calls ``show`` with pictures and ``say`` with errors."""
+
+    def __init__(
+        self, studio: Studio, show: Callable[[Frame], None], say: Callable[[str], None]
+    ) -> None:
+        self._studio, self._show, self._say = studio, show, say
+        self._lock = threading.Lock()
+        self._wanted: FreeCamera | None = None
+        self._job: Job | None = None
+        self._errands: list[Job] = []
+        self._redraw = False
+        self._shown: _Shown | None = None
+        self._times: collections.deque[float] = collections.deque(maxlen=FRAMES_TIMED)
+        self._frames = 0
+        self.camera: FreeCamera | None = None
+        self.look = Look()
+        self.choice = Choice()
+        self.size = "500 x 375"
+
+    def stand(self, camera: FreeCamera) -> None:
+        """Wants the scene from there."""
+        with self._lock:
+            self.camera = self._wanted = camera
+        self._studio.turns.wake()
+
+    def light(self, look: Look) -> None:
+        """Wants that light; all but strength and contrast without rendering."""
+        look.edit()
+        with self._lock:
+            before, self.look = self.look, look
+            if (before.strength, before.contrast) == (look.strength, look.contrast):
+                self._redraw = True
+            else:
+                self._wanted = self.camera
+        self._studio.turns.wake()
+
+    def choose(self, choice: Choice) -> None:
+        """Wants other outputs on the screen."""
+        with self._lock:
+            self.choice, self._redraw = choice, True
+        self._studio.turns.wake()
+
+    def refresh(self, size: str = "") -> None:
+        """Wants the same again: at another of ``PIXELS``, or by a newer model."""
+        with self._lock:
+            self.size = size or self.size
+            self._wanted = self.camera
+        self._studio.turns.wake()
+
+    def snapshot(self, folder: Path) -> None:
+        """Wants a PNG of the left output, as render.py makes it, and its settings."""
+        trained, look, output = self._studio.trained, self.look, self.choice.left
+        if self.camera is None or output == PHOTO:
+            self._say("a snapshot shows a rendering: choose another picture first")
+            return
+        lens = self._studio.scene.lenses[0]
+        pose, edit = self.camera.camtoworld, look.edit()
+
+        def write(rendering: Rendering | LitRendering) -> None:
+            shot = takes.Snapshot(pose, look, output, trained.step)
+            path = takes.write_snapshot(
+                folder, shot, self._studio.scene, rendering, trained.display
+            )
+            self._say(f"saved {path} and, beside it, {path.stem}.json for render.py")
+
+        errand = Job(
+            [single_camera(pose, lens)],
+            lambda camera: self._studio.parts(trained, camera, edit),
+            write,
+            self._studio.speed,
+        )
+        with self._lock:
+            self._errands.append(errand)
+        self._studio.turns.wake()
+
+    def urgency(self) -> int:
+        """See ``jobs.Runnable``."""
+        with self._lock:
+            job = self._job
+            if self._redraw or self._wanted or (job and not job.delivered):
+                return 2
+            return int(bool(self._errands) or bool(job and not job.done))
+
+    def step(self) -> None:
+        """Draws again, or computes a chunk of the newest picture or of a snapshot.
+
+        A first, coarse picture is always finished, so that a moving camera sees
+        something; what refines it is dropped as soon as the camera moves.
+        """
+        with self._lock:
+            redraw, self._redraw = self._redraw, False
+            job = self._job
+            if not redraw and self._wanted and (job is None or job.delivered):
+                job = self._job = self._start(self._wanted, self.look)
+                self._wanted = None
+        if redraw:
+            self._draw(finished=job is None or job.done)
+        elif job and not job.done:
+            job.step()
+        elif self._errands:
+            self._errands[0].step()
+            if self._errands[0].done:
+                self._errands.pop(0)
+
+    def failed(self, error: Exception) -> None:
+        """Drops what could not be computed and says why."""
+        with self._lock:
+            self._job, self._wanted, self._redraw = None, None, False
+            self._errands.clear()
+        self._say(" ".join(str(error).split())[:300] or type(error).__name__)
+
+    def _start(self, camera: FreeCamera, look: Look) -> Job:
+        """Renders from there: as fine as is quick, then finer up to the wanted size."""
+        trained, full = self._studio.trained, PIXELS[self.size]
+        edit = look.edit().without_gains()
+        quick = self._studio.speed.rays_per_second * SECONDS_TO_FIRST_PICTURE
+        sizes = [s for s in (*COARSE_PIXELS, full) if s <= full]
+        first = max((i for i, s in enumerate(sizes) if s <= quick), default=0)
+        lenses = list(dict.fromkeys(camera.lens(s) for s in sizes[first:]))
+
+        def finish(rendering: Rendering | LitRendering) -> None:
+            self._shown = _Shown(rendering, camera, trained)
+            self._times.append(time.perf_counter())
+            self._frames += 1
+            finished = rendering.rgb.shape[:2] == (lenses[-1].height, lenses[-1].width)
+            self._draw(finished)
+
+        return Job(
+            [single_camera(camera.camtoworld, lens) for lens in lenses],
+            lambda camera: self._studio.parts(trained, camera, edit),
+            finish,
+            self._studio.speed,
+        )
+
+    def _draw(self, finished: bool) -> None:
+        shown = self._shown
+        if shown is None:
+            return
+        gains = np.asarray(self.look.edit().gains)
+        picture = draw(
+            shown.rendering, shown.trained.display, gains, self.choice,
+            self._photo(shown),
+        )  # fmt: skip
+        times = self._times
+        elapsed = times[-1] - times[0]
+        frames_per_second = (len(times) - 1) / elapsed if elapsed > 0.0 else 0.0
+        rays_per_second = self._studio.speed.rays_per_second
+        step = shown.trained.step
+        frame = Frame(
+            picture, self._frames, frames_per_second, rays_per_second, step, finished
+        )
+        self._show(frame)
+
+    def _photo(self, shown: _Shown) -> Picture:
+        """The photo taken nearest to where the user stands, seen through the window."""
+        height, width, _ = shown.rendering.rgb.shape
+        if PHOTO not in (self.choice.left, self.choice.right):
+            return np.zeros((height, width, 3), np.float32)
+        scene, pose = self._studio.scene, shown.camera.camtoworld
+        view = self._studio.nearest_view(pose)
+        rotation = np.asarray(scene.cameras.camtoworlds[view][:, :3], np.float64)
+        lens = shown.camera.lens(width * height)
+        return photo_through(
+            from_uint16(scene.images[view]),
+            scene.lenses[view],
+            rotation.T @ pose[:, :3],
+            lens_directions(lens),
+            lens,
+        )

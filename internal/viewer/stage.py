@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cameras between our frame and viser's, and the photos' cameras on one's stage.
+
+Our poses are OpenGL camera-to-world ``[3, 4]``; viser's cameras are OpenCV (x right,
+y down, z forwards). World coordinates of the page are those of the model.
+"""
+
+import numpy as np
+import viser
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from internal import image_io
+from internal.image import from_uint16, to_uint8
+from internal.viewer.free_camera import FreeCamera
+from internal.viewer.studio import Studio
+
+OPENCV_AXES = np.diag([1.0, -1.0, -1.0])
+THUMBNAIL_WIDTH = 64  # pixels
+FRUSTUM_SIZE = 0.1  # of the spread of the photos
+FRUSTUM_COLOR = (255, 170, 60)
+# A camera seen from so near hides the scene from who stands there.
+TOO_NEAR = 3.0  # frustum sizes
+
+
+def camera_of(handle: viser.CameraHandle) -> FreeCamera:
+    """Where a browser's camera is."""
+    rotation = Rotation.from_quat(handle.wxyz, scalar_first=True).as_matrix()
+    pose = np.column_stack([rotation @ OPENCV_AXES, handle.position])
+    return FreeCamera(pose, handle.fov, handle.aspect)
+
+
+def move(
+    client: viser.ClientHandle, camtoworld: Float[np.ndarray, "3 4"], fov: float
+) -> None:
+    """Moves a browser's camera; what it turns about stays as far ahead of it."""
+    rotation = Rotation.from_matrix(camtoworld[:, :3] @ OPENCV_AXES)
+    with client.atomic():
+        client.camera.position = camtoworld[:, 3]
+        client.camera.wxyz = rotation.as_quat(scalar_first=True)
+        client.camera.fov = fov
+
+
+class Frustums:
+    """The photos' cameras as one browser shows them."""
+
+    def __init__(self, client: viser.ClientHandle, studio: Studio) -> None:
+        self._size = FRUSTUM_SIZE * studio.spread()
+        self.shown = True
+        self.handles: list[viser.CameraFrustumHandle] = []
+        for view, name in enumerate(studio.scene.view_names):
+            camera = studio.view_camera(view)
+            rotation = Rotation.from_matrix(camera.camtoworld[:, :3] @ OPENCV_AXES)
+            srgb = from_uint16(studio.scene.images[view])
+            height = max(round(THUMBNAIL_WIDTH / camera.aspect), 1)
+            thumbnail = image_io.resize_area(srgb, THUMBNAIL_WIDTH, height)
+            self.handles.append(
+                client.scene.add_camera_frustum(
+                    f"/cameras/{view:04d} {name}",
+                    fov=camera.fov,
+                    aspect=camera.aspect,
+                    scale=self._size,
+                    thickness=0.02 * self._size,
+                    color=FRUSTUM_COLOR,
+                    image=to_uint8(thumbnail),
+                    wxyz=rotation.as_quat(scalar_first=True),
+                    position=camera.camtoworld[:, 3],
+                    visible=False,
+                )
+            )
+
+    def update(self, camera: FreeCamera) -> None:
+        """Hides what is too near to the camera, and all where they are not wanted."""
+        for handle in self.handles:
+            apart = np.linalg.norm(handle.position - camera.camtoworld[:, 3])
+            visible = self.shown and bool(apart > TOO_NEAR * self._size)
+            if handle.visible != visible:
+                handle.visible = visible

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What all users of a viewer share: the scene, the newest model, the computer."""
+
+import dataclasses
+from pathlib import Path
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from internal import parallel
+from internal.cameras import Cameras
+from internal.checkpoints import Checkpoints, load_trained
+from internal.configs import Config
+from internal.editing import LightEdit
+from internal.pictures import Display, display_for
+from internal.renderer import Renderer
+from internal.scene import Scene
+from internal.training import Params
+from internal.viewer.free_camera import FreeCamera, single_camera, vertical_fov
+from internal.viewer.jobs import Parts, Speedometer
+from internal.viewer.sharing import Turns
+
+# A chunk is the time nothing else happens in, so it is short; a call's overhead sets
+# the lower limit.
+LARGEST_CHUNK = 4096
+FIRST_GUESS_OF_SPEED = 10_000.0  # rays per second, until there is a measurement
+
+
+@dataclasses.dataclass(frozen=True)
+class Trained:
+    """A checkpoint that can be shown."""
+
+    params: Params
+    step: int
+    display: Display  # of the first view, as in render.py
+
+
+class Studio:
+    """Loads the newest checkpoint; ``update`` looks for a newer one."""
+
+    def __init__(self, config: Config, scene: Scene) -> None:
+        self._config = config
+        self._mesh = parallel.data_mesh(jax.device_count())
+        self.scene = scene
+        self.turns = Turns()
+        self.speed = Speedometer(FIRST_GUESS_OF_SPEED)
+        model, state = load_trained(config, self._mesh)
+        chunk = min(config.render.chunk, LARGEST_CHUNK)
+        self.decomposed = config.model.decomposition
+        self._renderer = Renderer(model, scene.cameras, scene.space, self._mesh, chunk)
+        self.trained = self._trained(state.params, int(state.step))
+
+    def parts(self, trained: Trained, camera: Cameras, edit: LightEdit) -> Parts:
+        """See ``Renderer.parts``."""
+        return self._renderer.parts(trained.params, camera, edit)
+
+    def view_camera(self, view: int) -> FreeCamera:
+        """The user's camera at a photo's place."""
+        lens = self.scene.lenses[view]
+        pose = np.asarray(self.scene.cameras.camtoworlds[view], np.float64)
+        return FreeCamera(pose, vertical_fov(lens), lens.width / lens.height)
+
+    def nearest_view(self, camtoworld: Float[np.ndarray, "3 4"]) -> int:
+        """The photo taken from the nearest place in the most similar direction."""
+        poses = np.asarray(self.scene.cameras.camtoworlds)
+        apart = np.linalg.norm(poses[:, :, 3] - camtoworld[:, 3], axis=-1)
+        cosines = poses[:, :, 2] @ camtoworld[:, 2]
+        return int(
+            np.argmin(apart / self.spread() + np.arccos(np.clip(cosines, -1, 1)))
+        )
+
+    def spread(self) -> float:
+        """How far apart the photos were taken, model units."""
+        centres = np.asarray(self.scene.cameras.camtoworlds)[:, :, 3]
+        return float(np.sqrt(np.mean(np.var(centres, axis=0)))) or 1.0
+
+    def focus_depth(self) -> float:
+        """How far ahead of the first photo the scene's middle is, model units."""
+        camera = single_camera(self.view_camera(0).camtoworld, self.scene.lenses[0])
+        return float(
+            np.median(self._renderer.picture(self.trained.params, camera).depth)
+        )
+
+    def update(self) -> bool:
+        """Loads a newer checkpoint, if there is one; whether there was.
+
+        A checkpoint that disappears while it is read is left for the next time.
+        """
+        folder, kept = Path(self._config.checkpoint_dir), self._config.train
+        with Checkpoints(folder, kept.checkpoints_kept) as checkpoints:
+            newest = checkpoints.latest_step()
+        if newest is None or newest <= self.trained.step:
+            return False
+        _, state = load_trained(self._config, self._mesh)
+        self.trained = self._trained(state.params, int(state.step))
+        return True
+
+    def _trained(self, params: Params, step: int) -> Trained:
+        lens = self.scene.lenses[0]
+        camera = single_camera(np.asarray(self.scene.cameras.camtoworlds[0]), lens)
+        rendering = self._renderer.picture(params, camera)
+        return Trained(params, step, display_for(rendering))

@@ -1,0 +1,314 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of the live viewer behind its page: cameras, sharing, refinement, light.
+
+A fake studio renders constant pictures, so nothing compiles; the page itself is in
+test_browser.py.
+"""
+
+import dataclasses
+import json
+import types
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from internal import paths
+from internal.cameras import Lens
+from internal.colmap import lens_directions
+from internal.editing import light_edit
+from internal.errors import UserError
+from internal.looks import Look
+from internal.models import LitRendering
+from internal.pictures import Display
+from internal.scene import load_scene
+from internal.viewer import takes
+from internal.viewer.canvas import PHOTO, Choice, draw, photo_through, with_gains
+from internal.viewer.free_camera import PIXELS, FreeCamera, single_camera, vertical_fov
+from internal.viewer.jobs import Job, Speedometer
+from internal.viewer.session import Session
+from internal.viewer.sharing import Turns
+from internal.viewer.studio import Studio, Trained
+from tests.scene_writers import facing_world, write_blender
+
+POSE = np.eye(4)[:3]
+CAMERA = FreeCamera(POSE, 0.8, 4 / 3)
+DISPLAY = Display(1.0, 1.0, 1.0, 1.0)
+CHUNK = 4000
+NOWHERE = 9.0
+
+
+def rendering(count: int, level: float = 0.5) -> LitRendering:
+    one, three = jnp.full((count, 1), level), jnp.full((count, 3), level)
+    return LitRendering(
+        rgb=three / 10, depth=one, enhanced=three, v=one, r=three, v_enhanced=three,
+        alpha=one, gamma=three, gamma_energy=one,
+    )  # fmt: skip
+
+
+def parts_of(camera, level=0.5):
+    pixels = int(camera.widths[0] * camera.heights[0])
+    for _ in range(0, pixels, CHUNK):
+        yield rendering(CHUNK, level)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = write_blender(tmp_path_factory.mktemp("scene"), facing_world())
+    return load_scene(folder, split="train", near=2.0, far=8.0)
+
+
+class FixedSpeed(Speedometer):
+    """A computer of known speed, whatever this one is busy with."""
+
+    def note(self, rays, seconds):
+        pass
+
+
+class FakeStudio(Studio):
+    """Renders constant pictures, and remembers the edits it was asked for."""
+
+    def __init__(self, scene):
+        self.scene, self.turns, self.speed = scene, Turns(), FixedSpeed(1.0)
+        self.trained = Trained({}, 7, DISPLAY)
+        self.edits = []
+
+    def parts(self, trained, camera, edit):
+        self.edits.append(edit)
+        if camera.camtoworlds[0, 0, 3] == NOWHERE:
+            raise ValueError("no such place")
+        return parts_of(camera)
+
+
+@pytest.fixture
+def studio(scene):
+    return FakeStudio(scene)
+
+
+@pytest.fixture
+def page(studio):
+    """A session and what its browser was sent."""
+    frames, messages = [], []
+    session = Session(studio, frames.append, messages.append)
+    studio.turns.join(session)
+    return types.SimpleNamespace(session=session, frames=frames, messages=messages)
+
+
+def work(studio):
+    while studio.turns.take_one():
+        pass
+
+
+@settings(deadline=None)
+@given(st.floats(0.1, 10.0), st.sampled_from(sorted(PIXELS.values())))
+def test_a_window_of_any_shape_fits_its_number_of_pixels(aspect, pixels):
+    lens = FreeCamera(POSE, 0.8, aspect).lens(pixels)
+    assert lens.width * lens.height <= pixels
+    assert lens.width * lens.height > 0.8 * pixels
+    assert vertical_fov(lens) == pytest.approx(0.8)
+
+
+def test_cameras_of_all_sizes_share_one_compiled_program():
+    shapes = {
+        single_camera(POSE, CAMERA.lens(pixels)).directions.shape
+        for pixels in PIXELS.values()
+    }
+    assert len(shapes) == 1
+
+
+def test_a_still_camera_gets_finer_pictures_up_to_the_wanted_size(studio, page):
+    page.session.stand(CAMERA)
+    work(studio)
+    sizes = [frame.picture.shape[0] * frame.picture.shape[1] for frame in page.frames]
+    assert sizes == sorted(sizes) and len(sizes) == 4
+    assert 0.9 * PIXELS["500 x 375"] < sizes[-1] <= PIXELS["500 x 375"]
+    assert [frame.finished for frame in page.frames] == [False, False, False, True]
+    assert [frame.number for frame in page.frames] == [1, 2, 3, 4]
+
+
+def test_a_fast_computer_starts_with_a_large_picture(studio, page):
+    studio.speed = FixedSpeed(1e9)
+    page.session.stand(CAMERA)
+    work(studio)
+    assert len(page.frames) == 1
+
+
+def test_a_moving_camera_sees_pictures_and_refines_none(studio, page):
+    for step in range(20):
+        pose = POSE + 0.01 * step
+        page.session.stand(dataclasses.replace(CAMERA, camtoworld=pose))
+        studio.turns.take_one()
+        studio.turns.take_one()
+    assert len(page.frames) >= 9
+    assert {frame.picture.shape for frame in page.frames} == {(38, 50, 3)}
+
+
+def test_exposure_and_colour_render_nothing_and_contrast_does(studio, page):
+    page.session.stand(CAMERA)
+    work(studio)
+    rendered = len(studio.edits)
+    page.session.light(Look(exposure=1.0, temperature=3000.0, tint=0.2))
+    work(studio)
+    assert len(studio.edits) == rendered
+    gains = light_edit(1.0, 1.0, 3000.0, 0.2).gains
+    expected = np.round(np.clip(0.5 * gains, 0, 1) * 255)
+    np.testing.assert_allclose(page.frames[-1].picture[0, 0], expected, atol=1)
+    page.session.light(Look(contrast=2.0))
+    work(studio)
+    assert len(studio.edits) > rendered
+    np.testing.assert_array_equal(studio.edits[-1].contrast, 2.0)
+    np.testing.assert_array_equal(studio.edits[-1].gains, np.ones(3))
+
+
+def test_gains_on_pixels_are_gains_along_rays():
+    gains = np.array([2.0, 1.0, 0.5])
+    lit = with_gains(rendering(4), gains)
+    np.testing.assert_array_equal(lit.enhanced, rendering(4).enhanced * gains)
+    np.testing.assert_array_equal(lit.v_enhanced, rendering(4).v_enhanced * gains)
+    np.testing.assert_array_equal(lit.rgb, rendering(4).rgb)
+
+
+def test_a_split_shows_one_output_on_each_side():
+    picture = jax_like(rendering(40 * 30), 30, 40)
+    photo = np.ones((30, 40, 3), np.float32)
+    choice = Choice("enhanced", "dark", 0.25)
+    drawn = draw(picture, DISPLAY, np.ones(3), choice, photo)
+    assert (drawn[:, :9] == 128).all()  # 0.5
+    assert (drawn[:, 10:] == 13).all()  # 0.05
+    whole = draw(picture, DISPLAY, np.ones(3), Choice(PHOTO), photo)
+    assert (whole == 255).all()
+
+
+def test_rays_without_a_colour_are_black():
+    picture = jax_like(rendering(12, np.nan), 3, 4)
+    drawn = draw(picture, DISPLAY, np.ones(3), Choice(), np.zeros((3, 4, 3), "f4"))
+    assert (drawn == 0).all()
+
+
+def jax_like(flat, height, width):
+    values = {n: jnp.reshape(x, (height, width, -1)) for n, x in vars(flat).items()}
+    return LitRendering(**values)
+
+
+def test_a_photo_through_its_own_lens_is_the_photo():
+    lens = Lens("PINHOLE", 24, 18, (20.0, 20.0, 12.0, 9.0))
+    photo = np.random.default_rng(0).random((18, 24, 3)).astype(np.float32)
+    directions = lens_directions(lens)
+    seen = photo_through(photo, lens, np.eye(3), directions, lens)
+    np.testing.assert_array_equal(seen, photo)
+
+
+def test_a_photo_in_a_wider_window_has_black_beside_it():
+    lens = Lens("PINHOLE", 24, 18, (20.0, 20.0, 12.0, 9.0))
+    window = Lens("PINHOLE", 48, 18, (20.0, 20.0, 24.0, 9.0))
+    photo = np.ones((18, 24, 3), np.float32)
+    seen = photo_through(photo, lens, np.eye(3), lens_directions(window), window)
+    assert (seen[:, 12:36] == 1.0).all()
+    assert (seen[:, :12] == 0.0).all() and (seen[:, 36:] == 0.0).all()
+
+
+def test_sessions_with_work_take_turns_and_a_first_picture_goes_before(studio):
+    log = []
+
+    def runnable(name, urgency):
+        return types.SimpleNamespace(
+            urgency=lambda: urgency, step=lambda: log.append(name), failed=log.append
+        )
+
+    turns = Turns()
+    for name, urgency in (("a", 1), ("idle", 0), ("b", 1)):
+        turns.join(runnable(name, urgency))
+    for _ in range(4):
+        turns.take_one()
+    assert log == ["a", "b", "a", "b"]
+    turns.join(runnable("first", 2))
+    turns.take_one()
+    assert log[-1] == "first"
+
+
+def test_an_error_reaches_its_own_page_and_no_other(studio, page):
+    frames, messages = [], []
+    broken = Session(studio, frames.append, messages.append)
+    studio.turns.join(broken)
+    far = POSE.copy()
+    far[0, 3] = NOWHERE
+    broken.stand(dataclasses.replace(CAMERA, camtoworld=far))
+    page.session.stand(CAMERA)
+    work(studio)
+    assert messages == ["no such place"]
+    assert page.messages == [] and page.frames[-1].finished
+    broken.stand(CAMERA)
+    work(studio)
+    assert frames[-1].finished
+
+
+def test_a_page_that_left_gets_no_more_work(studio, page):
+    page.session.stand(CAMERA)
+    studio.turns.leave(page.session)
+    assert not studio.turns.take_one()
+
+
+def test_a_job_may_be_stepped_at_any_pace():
+    done = []
+    cameras = [single_camera(POSE, CAMERA.lens(9000)) for _ in range(2)]
+    job = Job(cameras, parts_of, done.append, Speedometer(1.0))
+    steps = 0
+    while not job.done:
+        job.step()
+        steps += 1
+    assert len(done) == job.delivered == 2
+    assert steps == 2 * (3 + 1)  # 9000 pixels are 3 chunks, then it is handed over
+
+
+def test_a_snapshot_is_a_picture_and_a_path_of_one_pose(studio, page, tmp_path):
+    scene = studio.scene
+    page.session.stand(CAMERA)
+    page.session.light(Look(exposure=-1.0))
+    work(studio)
+    for _ in range(2):
+        page.session.snapshot(tmp_path)
+        work(studio)
+    first, second = sorted(tmp_path.glob("snapshot_*.json"))
+    assert first.with_suffix(".png").is_file() and second.with_suffix(".png").is_file()
+    facts = json.loads(first.read_text())
+    assert "Render.exposure = -1.0" in facts["gin_bindings"]
+    assert (facts["output"], facts["step"]) == ("enhanced", 7)
+    world = paths.from_json(first)
+    np.testing.assert_allclose(world, takes.in_world(scene, POSE[None]), atol=1e-6)
+    np.testing.assert_array_equal(
+        studio.edits[-1].gains, Look(exposure=-1.0).edit().gains
+    )
+
+
+def test_a_path_is_saved_in_the_frame_of_the_pose_file(scene, tmp_path):
+    poses = np.asarray(scene.cameras.camtoworlds, np.float64)
+    path = takes.write_path(tmp_path, "walk", scene, poses, fps=30)
+    again = paths.from_json(path)
+    np.testing.assert_allclose(again, takes.in_world(scene, poses), atol=1e-6)
+    with pytest.raises(UserError, match=r"path name '\.\./x'"):
+        takes.write_path(tmp_path, "../x", scene, poses, fps=30)
+
+
+def test_a_path_goes_through_its_keyframes(scene):
+    keyframes = np.asarray(scene.cameras.camtoworlds, np.float64)[:3]
+    path = paths.through(keyframes, 30)
+    for keyframe, index in ((keyframes[0], 0), (keyframes[2], -1)):
+        np.testing.assert_allclose(path[index], keyframe, atol=1e-6)
+    nearest = np.abs(path - keyframes[1]).max(axis=(1, 2)).min()
+    assert nearest < 0.05
+
+
+def test_smoothing_shortens_a_zigzag_and_keeps_its_ends():
+    zigzag = np.tile(POSE, (5, 1, 1))
+    zigzag[:, 0, 3] = np.arange(5.0)
+    zigzag[1::2, 1, 3] = 1.0
+    smooth = takes.smoothed(zigzag)
+    np.testing.assert_array_equal(smooth[[0, -1]], zigzag[[0, -1]])
+
+    def length(poses):
+        return np.linalg.norm(np.diff(poses[:, :, 3], axis=0), axis=-1).sum()
+
+    assert length(smooth) < 0.8 * length(zigzag)
+    np.testing.assert_allclose(smooth[1, :, 3], [1.0, 0.5, 0.0])  # (0 + 2 * 1 + 0) / 4
