@@ -39,6 +39,11 @@ def add_gin_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--gin_configs", action="append", default=[], metavar="FILE", help="gin file"
     )
+    add_bindings_flag(parser)
+
+
+def add_bindings_flag(parser: argparse.ArgumentParser) -> None:
+    """``--gin_bindings``, as often as wanted."""
     parser.add_argument(
         "--gin_bindings",
         action="append",

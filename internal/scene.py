@@ -137,6 +137,8 @@ def load_scene(
         model_from_world=frame.model_from_world,
     )
     _report(scene, files, is_test, bounds, frame, truth)
+    if not images_dir:  # else the user chose, and LLE + NeRF chooses bright photos
+        _warn_of_normal_light(scene)
     return scene
 
 
@@ -164,23 +166,31 @@ def _report(
     frame: Frame,
     truth: Truth,
 ) -> None:
-    """Prints what was found and decided, and warns about normal light."""
-    brightness = np.mean([image.mean() for image in scene.images]) / UINT16_ONE
+    """Prints what was found and decided."""
     sizes = {f"{lens.width}x{lens.height}" for lens in scene.lenses}
     models = {lens.model for lens in scene.lenses}
     print(
         f"scene {scene.name}: format {files.format}, {len(is_test)} views "
         f"({(~is_test).sum()} train, {is_test.sum()} test), loading {scene.split}\n"
         f"  pictures: {', '.join(sorted(sizes))} pixels, {', '.join(sorted(models))} "
-        f"lens, mean brightness {255 * brightness:.1f} of 255\n"
+        f"lens, mean brightness {255 * _brightness(scene):.1f} of 255\n"
         f"  depth: near {bounds.near:.4g}, far {bounds.far:.4g} ({bounds.source}), "
         f"{len(files.points)} sparse points\n"
         f"  projection: {frame.reason}\n"
         f"  truth: {truth.reason}"
     )
+
+
+def _warn_of_normal_light(scene: Scene) -> None:
+    brightness = _brightness(scene)
     if brightness > BRIGHT_MEAN:
         print(
             f"WARNING: this does not look like a low-light scene: mean brightness "
             f"{255 * brightness:.0f} of 255. The enhancement is made for dark photos; "
             "give the dark folder with Config.images_dir"
         )
+
+
+def _brightness(scene: Scene) -> float:
+    """Mean sRGB of all pictures, in [0, 1]."""
+    return float(np.mean([image.mean() for image in scene.images])) / UINT16_ONE
