@@ -27,6 +27,8 @@ def main(argv: Sequence[str]) -> int:
         raise UserError(
             f"--crop: {len(flags.crop)} of them; at most {len(FRAME_COLORS)}"
         )
+    if flags.columns < 1:
+        raise UserError(f"--columns {flags.columns}: expected 1 or more")
     for scene in [flags.scene] if flags.scene else list(scenes):
         if scene not in results:
             raise UserError(f"{flags.out}: no scene {scene}; has {', '.join(results)}")

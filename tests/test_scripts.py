@@ -16,7 +16,7 @@ import make_scene
 import render as render_script
 import sweep as sweep_script
 import train as train_script
-from internal import image_io, parallel, scored_run
+from internal import image_io, parallel, run_folder, scored_run
 from internal.checkpoints import load_trained
 from internal.configs import load_config, to_json
 from internal.errors import Diverged, UserError
@@ -60,6 +60,8 @@ def test_training_explains_its_folder(run):
     lines = [json.loads(x) for x in (run / "metrics.jsonl").read_text().splitlines()]
     assert [line["step"] for line in lines] == [2, 4, 6]
     assert lines[0]["loss/exposure"] == 0.0 < lines[-1]["loss/exposure"]
+    assert 0.0 < lines[0]["seconds"] < lines[-1]["seconds"]
+    assert run_folder.training_seconds(run) == lines[-1]["seconds"]
     assert any((run / "tensorboard").iterdir())
 
 
@@ -85,6 +87,16 @@ def test_a_resumed_run_equals_an_uninterrupted_one(scene, run, tmp_path, monkeyp
 def test_other_settings_do_not_go_on_in_the_same_folder(scene, run):
     with pytest.raises(UserError, match=r"losses\.gray was 0\.1, is 0\.5"):
         train_script.main(flags(scene, run, "Losses.gray = 0.5"))
+
+
+def test_seconds_of_training_add_up_over_starts(tmp_path):
+    assert run_folder.training_seconds(tmp_path) == 0.0
+    lines = [{"step": 1, "seconds": 60.0}, {"step": 2, "seconds": 100.0}]
+    path = tmp_path / run_folder.LOG
+    path.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
+    with run_folder.RunLog(tmp_path, 1) as log:  # step 2 was lost with a crash
+        log.scalars(2, {})
+    assert 60.0 <= run_folder.training_seconds(tmp_path) < 100.0
 
 
 def test_a_checkpoint_of_another_shape_is_refused(scene, run):
