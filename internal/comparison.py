@@ -21,7 +21,7 @@ import numpy as np
 
 from internal import cli, configs, evaluation, image_io, progress, readers, run_folder
 from internal.configs import Config
-from internal.enhancers import ENHANCERS
+from internal.enhancers import ENHANCERS, VERSION
 from internal.errors import UserError
 from internal.image import from_uint16
 from internal.made_folder import Facts, make_folder
@@ -195,7 +195,8 @@ def _stems(files: Sequence[str]) -> str:
 def _enhanced_photos(out: Path, job: Job, config: Config) -> Path:
     """The folder of all views' photos, enhanced on the fly or before."""
     folder = _place(out, job, "photos").resolve()
-    settings = {"scene": str(job.data_dir.resolve()), "enhancer": job.photos}
+    scene = str(job.data_dir.resolve())
+    settings = {"scene": scene, "enhancer": job.photos, "version": VERSION}
 
     def fill(partial: Path) -> Facts:
         files = readers.read_files(

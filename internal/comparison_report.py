@@ -15,7 +15,7 @@ import numpy as np
 from internal import pages, run_folder
 from internal.comparison import Result, Results
 from internal.errors import UserError
-from internal.evaluation import DEFINITIONS, LOWER_IS_BETTER, as_text
+from internal.evaluation import LOWER_IS_BETTER, as_text
 from internal.pages import Table
 from internal.tables import as_latex, write_csv
 
@@ -33,11 +33,10 @@ HEADERS = {  # short: eight columns have to fit a paper's page
 }
 DECIMALS = {"ssim": 3, "lpips": 3, MINUTES: 1}  # others 2
 TEXT = (
-    "Test views against the normal-light truth, mean over views. "
-    + "; ".join(f"{HEADERS[name]}: {text}" for name, text in DEFINITIONS.items())
-    + ". Lower is better for "
-    + " and ".join(HEADERS[name] for name in HEADERS if name in LOWER_IS_BETTER)
-    + ". Training on the machine that ran the comparison, one run each."
+    "Test views against the normal-light truth, mean over views. PSNR in dB; exp.: "
+    "after the best single gain in linear light; col.: after the best affine map of each "
+    "channel; LPIPS with AlexNet; CIEDE2000: mean over pixels. Lower is better for LPIPS "
+    "and CIEDE2000. Training on the machine that ran the comparison, one run each."
 )
 
 Rows = dict[str, dict[str, float]]  # numbers by column, by method

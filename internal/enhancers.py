@@ -23,9 +23,11 @@ Picture = Float[np.ndarray, "height width 3"]
 CLIP_LIMIT = 2.0  # these two as in OpenCV's tutorial
 TILES = (8, 8)
 PATCH, SEARCH = 7, 21  # pixels, odd; what OpenCV's documentation recommends
-# JPEG's blocks make noise alike in neighbouring pixels, which the estimate of its
-# level then misses.
+# JPEG's blocks make noise alike in neighbouring pixels, so that the estimate of its
+# level is too low; where texture makes it too high, the recommended strength is enough.
 STRENGTH = 3.0  # of the denoising, in levels of noise
+MAX_STRENGTH = 10.0  # 8-bit levels; likewise recommended, for colour pictures
+VERSION = 1  # counts changes of the results; photos made by an older one are refused
 NOISE_KERNEL = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
 MAD_OF_NORMAL = 0.6745  # median of |x| for x of standard deviation 1
 
@@ -68,7 +70,7 @@ def denoise(srgb: Picture) -> Picture:
     """Non-local means (Buades et al. 2005), as strong as the picture is noisy."""
     import cv2
 
-    strength = 255.0 * STRENGTH * noise_level(srgb)
+    strength = min(255.0 * STRENGTH * noise_level(srgb), MAX_STRENGTH)
     return quantize(
         cv2.fastNlMeansDenoisingColored(
             to_uint8(srgb), None, strength, strength, PATCH, SEARCH

@@ -50,6 +50,14 @@ def test_denoising_removes_noise_and_keeps_the_light(name):
     assert clean.mean() == pytest.approx(noisy.mean(), abs=0.02)
 
 
+@needs_opencv
+def test_denoising_keeps_fine_texture():
+    y, x = np.mgrid[:48, :64]
+    stripes = (0.5 + 0.2 * np.sign(np.sin(x * 1.6) + np.sin(y * 1.6)))[..., None]
+    texture = np.repeat(stripes, 3, axis=-1).astype(np.float32)
+    assert enhancers.denoise(texture).std() > 0.9 * texture.std()
+
+
 @pytest.mark.parametrize("sigma", [0.01, 0.03, 0.1])
 def test_the_noise_level_is_that_of_the_noise(sigma):
     y, x = np.mgrid[:64, :64] / 200.0
