@@ -34,9 +34,9 @@ HEADERS = {  # short: eight columns have to fit a paper's page
 DECIMALS = {"ssim": 3, "lpips": 3, MINUTES: 1}  # others 2
 TEXT = (
     "Test views against the normal-light truth, mean over views. PSNR in dB; exp.: "
-    "after the best single gain in linear light; col.: after the best affine map of each "
-    "channel; LPIPS with AlexNet; CIEDE2000: mean over pixels. Lower is better for LPIPS "
-    "and CIEDE2000. Training on the machine that ran the comparison, one run each."
+    "after the best single gain in linear light; col.: after the best affine map of "
+    "each channel; LPIPS with AlexNet; CIEDE2000: mean over pixels. Lower is better for "
+    "LPIPS and CIEDE2000. Training on the machine that ran the comparison, one run each."
 )
 
 Rows = dict[str, dict[str, float]]  # numbers by column, by method
