@@ -35,8 +35,8 @@ DECIMALS = {"ssim": 3, "lpips": 3, MINUTES: 1}  # others 2
 TEXT = (
     "Test views against the normal-light truth, mean over views. PSNR in dB; exp.: "
     "after the best single gain in linear light; col.: after the best affine map of "
-    "each channel; LPIPS with AlexNet; CIEDE2000: mean over pixels. Lower is better for "
-    "LPIPS and CIEDE2000. Training on the machine that ran the comparison, one run each."
+    "each channel; LPIPS with AlexNet; CIEDE2000: mean over pixels. For the last two, "
+    "lower is better. Training on the machine that ran this, one run each."
 )
 
 Rows = dict[str, dict[str, float]]  # numbers by column, by method
