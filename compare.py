@@ -8,10 +8,11 @@ Methods are the entries of configs/methods/*.toml, or of the lists that --method
 names: photos enhanced one by one, and models trained on photos. Scenes need no truth,
 but have no scores without it. Writes index.html, table.md, table.csv, table.tex and a
 folder of figures per scene. Run again, it does what is missing: add a method or a
-scene, and the rest stays.
+scene, and the rest stays. A training that fails costs its own rows only.
 """
 
 import argparse
+import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -36,15 +37,19 @@ def main(argv: Sequence[str]) -> int:
     # Trainings come last: the rest of the table is there within minutes.
     jobs = sorted(dict.fromkeys(jobs), key=lambda job: bool(job.train))
     seconds: dict[bool, list[float]] = {}  # of each work done now, by if it trained
+    failed: list[str] = []
     for index, job in enumerate(jobs):
         rest = [x for x in jobs[index:] if not comparison.is_scored(flags.out, x)]
         left = time_left(seconds, rest)
         print(f"== {index + 1} of {len(jobs)}, {left}: {job}", flush=True)
         began = time.monotonic()
         code = comparison.do(flags.out, job, flags.gin_bindings)
-        if code:
+        if code == cli.FAILURE_EXIT:
+            failed.append(str(job))
+        elif code:
+            print(f"stopped at {job}; the same command goes on", file=sys.stderr)
             return code
-        if job in rest:
+        elif job in rest:
             seconds.setdefault(bool(job.train), []).append(time.monotonic() - began)
         found = comparison.read_results(flags.out, chosen)
         comparison_report.write_tables(flags.out, found)
@@ -59,7 +64,9 @@ def main(argv: Sequence[str]) -> int:
     ]
     print(comparison_report.write_tables(flags.out, results))
     print(comparison_report.write_page(flags.out, results, figures))
-    return 0
+    if failed:
+        print(f"error: no rows of: {'; '.join(failed)}", file=sys.stderr)
+    return cli.FAILURE_EXIT if failed else 0
 
 
 def time_left(seconds: Mapping[bool, Sequence[float]], rest: Sequence[Job]) -> str:

@@ -135,7 +135,8 @@ def do(out: Path, job: Job, gin_bindings: Sequence[str]) -> int:
     Raises:
         UserError: anything that the user has to fix.
     """
-    bindings = [*gin_bindings, f"Config.data_dir = {str(job.data_dir)!r}"]
+    data_dir = str(job.data_dir.resolve())
+    bindings = [*gin_bindings, f"Config.data_dir = {data_dir!r}"]
     images = job.photos
     if images in ENHANCERS:
         images = str(_enhanced_photos(out, job, configs.load_config([], bindings)))
@@ -204,7 +205,8 @@ def _enhanced_photos(out: Path, job: Job, config: Config) -> Path:
         )
         named = list(zip(files.names, files.image_paths, strict=True))
         for name, path in progress.track(named, len(named), job.photos, "photo"):
-            target = (partial / name).with_suffix(".png")
+            inside = Path(name).relative_to(Path(name).anchor)
+            target = (partial / inside).with_suffix(".png")
             target.parent.mkdir(parents=True, exist_ok=True)
             image_io.write(target, ENHANCERS[job.photos](image_io.read_srgb(path)))
         return {"photos": float(len(named))}

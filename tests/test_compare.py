@@ -114,7 +114,7 @@ def test_a_second_run_does_only_what_is_new(scene, trainings, capsys):
     photos = Path("out/scene/photos/lime/00.png").stat().st_mtime_ns
     Path("methods.toml").write_text(LIST + '["gamma"]\noutput = "gamma_curve"')
     capsys.readouterr()
-    compare("scene")
+    compare("./scene")
     assert "| gamma |" in Path("out/table.md").read_text()
     assert Path("out/scene/scores/lime/metrics.json").stat().st_mtime_ns == kept
     assert Path("out/scene/photos/lime/00.png").stat().st_mtime_ns == photos
@@ -129,6 +129,22 @@ def test_a_stopped_training_stops_all_and_keeps_the_rows_before(
     assert compare("scene") == 130
     rows = json.loads(Path("out/results.json").read_text())["scene"]
     assert list(rows) == ["dark photo", "x gain", "LIME", "mine"]
+
+
+@needs_opencv
+def test_a_training_that_fails_costs_only_its_rows(
+    scene, trainings, monkeypatch, capsys
+):
+    works = comparison.train_and_score
+
+    def fail_on_lime(run, *rest):
+        return 1 if run.name == "tiny@lime" else works(run, *rest)
+
+    monkeypatch.setattr(comparison, "train_and_score", fail_on_lime)
+    assert compare("scene") == 1
+    rows = json.loads(Path("out/results.json").read_text())["scene"]
+    assert list(rows) == ["dark photo", "x gain", "LIME", "mine", "ours"]
+    assert "no rows of: tiny on lime photos of scene" in capsys.readouterr().err
 
 
 def test_scenes_without_truth_have_figures_and_no_scores(scene):
