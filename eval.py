@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import jax
+import numpy as np
 
 from internal import (
     cli,
@@ -50,6 +51,8 @@ def main(argv: Sequence[str]) -> int:
         truth = from_uint16(scene.truth[index]) if scene.truth else None
         views[name] = evaluation.score_view(rendering, dark, truth)
         shown = {**pictures(rendering, display), "input": dark}
+        shown |= evaluation.brightened(np.asarray(rendering.rgb))
+        del shown["unchanged"]  # the picture "dark"
         if truth is not None:
             shown["truth"] = truth
         for output, picture in shown.items():
@@ -79,7 +82,9 @@ def main(argv: Sequence[str]) -> int:
 
 def _section(output: str, media: list[tuple[str, str]]) -> pages.Section:
     others = {"input": "the dark photo", "truth": "the normal-light photo"}
-    return pages.Section(output, {**EXPLANATIONS, **others}[output], tuple(media))
+    baselines = {name: text for name, (_, text) in evaluation.BASELINES.items()}
+    text = {**EXPLANATIONS, **baselines, **others}[output]
+    return pages.Section(output, text, tuple(media))
 
 
 if __name__ == "__main__":

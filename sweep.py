@@ -10,16 +10,15 @@ runs in CHECKPOINT_DIR/NAME on top of the flags; the flags alone are the variant
 """
 
 import argparse
-import csv
 import json
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from internal import cli, configs, contact_sheet, evaluation, image_io, run_folder
 from internal.errors import UserError
 from internal.pages import Table
+from internal.scored_run import train_and_score
+from internal.tables import write_csv
 
 PICTURES = ("input", "enhanced", "v", "r", "truth")
 
@@ -36,21 +35,13 @@ def main(argv: Sequence[str]) -> int:
     variants = {"full": ([], [])} | dict(map(parse_variant, flags.variants))
     for index, (name, (files, bindings)) in enumerate(variants.items()):
         print(f"== variant {index + 1} of {len(variants)}: {name}", flush=True)
-        run = folder / name
-        own = [f"Config.checkpoint_dir = {str(run)!r}"]
-        arguments = [f"--gin_configs={x}" for x in (*flags.gin_configs, *files)]
-        arguments += [
-            f"--gin_bindings={x}" for x in (*flags.gin_bindings, *bindings, *own)
-        ]
-        if is_done(run, arguments):
-            print("done before")
-            continue
-        for script in ("train.py", "eval.py"):
-            here = Path(__file__).parent / script
-            code = subprocess.run([sys.executable, str(here), *arguments]).returncode
-            if code:
-                return code
-        run_folder.write_text(run / "sweep_arguments.json", json.dumps(arguments))
+        code = train_and_score(
+            folder / name,
+            [*flags.gin_configs, *files],
+            [*flags.gin_bindings, *bindings],
+        )
+        if code:
+            return code
     write_comparison(folder, list(variants))
     return 0
 
@@ -65,16 +56,6 @@ def parse_variant(text: str) -> tuple[str, tuple[list[str], list[str]]]:
             f"variant {text!r}: expected a .gin file or 'NAME: BINDING; BINDING'"
         )
     return name.strip(), ([], [binding.strip() for binding in bindings.split(";")])
-
-
-def is_done(run: Path, arguments: list[str]) -> bool:
-    """Whether this variant was trained and scored with these arguments."""
-    record = run / "sweep_arguments.json"
-    return (
-        record.is_file()
-        and json.loads(record.read_text()) == arguments
-        and (run / "eval" / "metrics.json").is_file()
-    )
 
 
 def write_comparison(folder: Path, names: list[str]) -> None:
@@ -103,8 +84,7 @@ def write_comparison(folder: Path, names: list[str]) -> None:
     )
     table = evaluation.as_text(Table("", "", headers, rows))
     run_folder.write_text(folder / "table.md", table + "\n")
-    with (folder / "table.csv").open("w", newline="") as file:
-        csv.writer(file).writerows([headers, *rows])
+    write_csv(folder / "table.csv", [headers, *rows])
 
     view = Path(next(iter(results[names[0]]["views"]))).stem
     files = [[folder / n / "eval" / p / f"{view}.png" for p in PICTURES] for n in names]

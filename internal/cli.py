@@ -15,6 +15,7 @@ from internal.errors import Diverged, UserError
 from internal.scene import Scene, load_scene
 
 USER_ERROR_EXIT = 2
+FAILURE_EXIT = 1  # what nobody can fix beforehand, such as a loss that diverges
 
 
 def run_script(main: Callable[[Sequence[str]], int]) -> None:
@@ -26,7 +27,7 @@ def run_script(main: Callable[[Sequence[str]], int]) -> None:
         code = USER_ERROR_EXIT
     except Diverged as error:
         print(f"error: {error}", file=sys.stderr)
-        code = 1
+        code = FAILURE_EXIT
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         code = 128 + signal.SIGINT
@@ -39,6 +40,11 @@ def add_gin_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--gin_configs", action="append", default=[], metavar="FILE", help="gin file"
     )
+    add_bindings_flag(parser)
+
+
+def add_bindings_flag(parser: argparse.ArgumentParser) -> None:
+    """``--gin_bindings``, as often as wanted."""
     parser.add_argument(
         "--gin_bindings",
         action="append",

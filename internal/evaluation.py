@@ -3,7 +3,8 @@
 
 Scores of a view are ``{"dark": {...}}`` against its dark photo and, where it has a
 normal-light truth, ``{"enhanced": {...}}`` and one entry per baseline against that
-truth. Pictures are [height, width, 3] sRGB in [0, 1].
+truth; one baseline, ``unchanged``, is the dark rendering itself. Pictures are
+[height, width, 3] sRGB in [0, 1].
 """
 
 import json
@@ -24,8 +25,11 @@ DEFINITIONS = {
     "lpips": "LPIPS (AlexNet)",
     "psnr_exposure_matched": "PSNR after the best single gain in linear light (dB)",
     "psnr_color_corrected": "PSNR after the best affine map of each channel (dB)",
+    "ciede2000": "CIEDE2000 (mean over pixels)",
 }
+LOWER_IS_BETTER = frozenset(["lpips", "ciede2000"])
 BASELINES = {
+    "unchanged": (np.asarray, "the dark rendering as it is"),
     "gain_to_mean": (
         baselines.gain_to_mean,
         "the dark rendering times one gain in linear light to sRGB mean 0.5",
@@ -48,9 +52,28 @@ def score_view(
         return scores
     if isinstance(rendering, LitRendering):
         scores["enhanced"] = metrics.score(rendering.enhanced, truth)
-    for name, (brighten, _) in BASELINES.items():
-        scores[name] = metrics.score(np.asarray(brighten(rendering.rgb)), truth)
-    return scores
+    return scores | score_brightened(np.asarray(rendering.rgb), truth)
+
+
+def score_brightened(
+    dark_srgb: Float[np.ndarray, "height width 3"],
+    truth: Float[np.ndarray, "height width 3"],
+) -> Scores:
+    """Scores of what each baseline makes of a dark picture."""
+    return {
+        name: metrics.score(picture, truth)
+        for name, picture in brightened(dark_srgb).items()
+    }
+
+
+def brightened(
+    dark_srgb: Float[np.ndarray, "height width 3"],
+) -> dict[str, Float[np.ndarray, "height width 3"]]:
+    """What each baseline makes of a dark picture, by name."""
+    return {
+        name: np.asarray(brighten(dark_srgb))
+        for name, (brighten, _) in BASELINES.items()
+    }
 
 
 def mean_scores(views: dict[str, Scores]) -> Scores:

@@ -13,7 +13,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from internal import lpips
+from internal import color_error, lpips
 from internal.image import linear_to_srgb, quantize, srgb_to_linear, to_uint8
 
 PSNR_CAP = 100.0  # dB; given to identical pictures, so that tables stay finite
@@ -105,11 +105,18 @@ def score(
     prediction: Float[Array | np.ndarray, "height width 3"],
     truth: Float[Array | np.ndarray, "height width 3"],
 ) -> dict[str, float]:
-    """Scores of an enhanced rendering against the true bright picture, by name."""
-    return score_dark(prediction, truth) | {
+    """Scores of an enhanced rendering against the true bright picture, by name.
+
+    ``ciede2000`` is there only with the extra ``metrics`` installed.
+    """
+    scores = score_dark(prediction, truth) | {
         "psnr_exposure_matched": psnr_exposure_matched(prediction, truth),
         "psnr_color_corrected": psnr_color_corrected(prediction, truth),
     }
+    if color_error.available():
+        pair = quantize(prediction), quantize(truth)
+        scores["ciede2000"] = color_error.ciede2000(*pair)
+    return scores
 
 
 def score_dark(

@@ -2,14 +2,15 @@
 """The folder of a run (``Config.checkpoint_dir``): configuration and logs.
 
 ``config.json`` is the configuration it was trained with, ``command.txt`` the
-command, ``metrics.jsonl`` one JSON object per log line, ``tensorboard/`` the same
-for TensorBoard, with pictures.
+command, ``metrics.jsonl`` one JSON object per log line with the seconds of training
+up to it, ``tensorboard/`` the same for TensorBoard, with pictures.
 """
 
 import json
 import shlex
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,8 @@ from tensorboardX import SummaryWriter
 from internal import atomic, configs, parallel
 from internal.configs import Config
 from internal.errors import UserError
+
+LOG = "metrics.jsonl"
 
 # May differ when a run goes on: they change no number of the result, or only add.
 _FREE = frozenset(
@@ -98,6 +101,16 @@ def _flat(tree: dict, prefix: str = "") -> dict:
     return result
 
 
+def training_seconds(folder: Path) -> float:
+    """Seconds that the run trained, over all its starts, with compilation and previews.
+
+    0 for a run that logged nothing, or did before seconds were logged.
+    """
+    path = folder / LOG
+    lines = path.read_text().splitlines() if path.is_file() else []
+    return json.loads(lines[-1]).get("seconds", 0.0) if lines else 0.0
+
+
 class RunLog:
     """Appends numbers to ``metrics.jsonl`` and, with pictures, to TensorBoard.
 
@@ -108,8 +121,9 @@ class RunLog:
         self._unread = tempfile.TemporaryDirectory()
         if not parallel.is_writer():
             folder = Path(self._unread.name)
-        path = folder / "metrics.jsonl"
+        path = folder / LOG
         _drop_after(path, start_step)
+        self._began = time.monotonic() - training_seconds(folder)
         self._file = path.open("a")
         self._board = SummaryWriter(
             str(folder / "tensorboard"), purge_step=start_step + 1
@@ -117,7 +131,9 @@ class RunLog:
 
     def scalars(self, step: int, values: dict[str, float]) -> None:
         """One line of numbers for ``step``."""
-        self._file.write(json.dumps({"step": step, **values}) + "\n")
+        seconds = round(time.monotonic() - self._began, 2)
+        line = {"step": step, "seconds": seconds, **values}
+        self._file.write(json.dumps(line) + "\n")
         self._file.flush()
         for name, value in values.items():
             self._board.add_scalar(name, value, step)

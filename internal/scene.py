@@ -155,6 +155,8 @@ def load_scene(
         model_from_world=frame.model_from_world,
     )
     _report(scene, files, is_test, bounds, frame, truth)
+    if not images_dir:  # else the user chose, and LLE + NeRF chooses bright photos
+        _warn_of_normal_light(scene)
     return scene
 
 
@@ -182,7 +184,7 @@ def _report(
     frame: Frame,
     truth: Truth,
 ) -> None:
-    """Prints what was found and decided, and warns about normal light."""
+    """Prints what was found and decided."""
     sizes = {f"{lens.width}x{lens.height}" for lens in scene.lenses}
     models = {lens.model for lens in scene.lenses}
     print(
@@ -195,6 +197,9 @@ def _report(
         f"  projection: {frame.reason}\n"
         f"  truth: {truth.reason}"
     )
+
+
+def _warn_of_normal_light(scene: Scene) -> None:
     if scene.brightness > BRIGHT_MEAN:
         print(
             f"WARNING: this does not look like a low-light scene: mean brightness "

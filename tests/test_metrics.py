@@ -10,7 +10,7 @@ import skimage.metrics
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from internal import baselines, lpips, metrics
+from internal import baselines, color_error, lpips, metrics
 from internal.image import linear_to_srgb, quantize, srgb_to_linear
 
 needs_lpips = pytest.mark.skipif(
@@ -153,12 +153,41 @@ def test_names_of_scores():
     assert set(metrics.score(prediction, truth)) == dark | {
         "psnr_exposure_matched",
         "psnr_color_corrected",
+        "ciede2000",
     }
 
 
 def test_scores_without_the_extra(monkeypatch):
-    monkeypatch.setattr(lpips, "available", lambda: False)
+    for package in (lpips, color_error):
+        monkeypatch.setattr(package, "available", lambda: False)
     assert set(metrics.score_dark(_picture(0), _picture(1))) == {"psnr", "ssim"}
+    assert "ciede2000" not in metrics.score(_picture(0), _picture(1))
+
+
+def test_ciede2000_by_hand():
+    # Greys differ in L alone: |dL| / (1 + 0.015 (L - 50)^2 / sqrt(20 + (L - 50)^2)), L
+    # the mean of the two. Black and white: 100 / 1. sRGB 119 and 153 of 255 are linear
+    # 0.1845 and 0.3185, L 50.03 and 63.22: 13.19 / (1 + 0.015 * 43.9 / 8.0) = 12.18.
+    black, white = np.zeros((2, 3, 3), np.float32), np.ones((2, 3, 3), np.float32)
+    assert color_error.ciede2000(black, white) == pytest.approx(100.0, abs=0.01)
+    pair = 119 / 255 * white, 153 / 255 * white
+    assert color_error.ciede2000(*pair) == pytest.approx(12.18, abs=0.01)
+
+
+def test_ciede2000_is_the_mean_over_pixels_and_symmetric():
+    truth, other = _picture(0), _picture(1)
+    half = np.concatenate([truth[:12], other[12:]])
+    whole = color_error.ciede2000(truth, other)
+    parts = [color_error.ciede2000(truth[s], other[s]) for s in np.s_[:12, 12:]]
+    assert whole == pytest.approx(sum(parts) / 2)
+    assert color_error.ciede2000(truth, half) == pytest.approx(parts[1] / 2)
+    assert whole == pytest.approx(color_error.ciede2000(other, truth))
+
+
+def test_ciede2000_sees_a_tint_that_keeps_the_luminance():
+    truth = np.full((4, 4, 3), 0.5, np.float32)
+    tinted = truth + np.array([0.1, -0.03, 0.05], np.float32)
+    assert metrics.score(tinted, truth)["ciede2000"] > 10.0
 
 
 @pytest.mark.parametrize("mean", [0.3, 0.5])

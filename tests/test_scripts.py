@@ -16,16 +16,20 @@ import make_scene
 import render as render_script
 import sweep as sweep_script
 import train as train_script
-from internal import image_io, parallel
+from internal import image_io, parallel, run_folder, scored_run
 from internal.checkpoints import load_trained
-from internal.configs import load_config
+from internal.configs import load_config, to_json
 from internal.errors import Diverged, UserError
 from tests.conftest import TINY_MODEL
 
 
-def flags(scene, run, *bindings):
-    own = (f"Config.data_dir = {str(scene)!r}", f"Config.checkpoint_dir = {str(run)!r}")
-    return [f"--gin_bindings={b}" for b in (*TINY_MODEL, *own, *bindings)]
+def bindings(scene):
+    return [*TINY_MODEL, f"Config.data_dir = {str(scene)!r}"]
+
+
+def flags(scene, run, *own):
+    run_binding = f"Config.checkpoint_dir = {str(run)!r}"
+    return [f"--gin_bindings={b}" for b in (*bindings(scene), run_binding, *own)]
 
 
 def trained_state(run):
@@ -56,6 +60,8 @@ def test_training_explains_its_folder(run):
     lines = [json.loads(x) for x in (run / "metrics.jsonl").read_text().splitlines()]
     assert [line["step"] for line in lines] == [2, 4, 6]
     assert lines[0]["loss/exposure"] == 0.0 < lines[-1]["loss/exposure"]
+    assert 0.0 < lines[0]["seconds"] < lines[-1]["seconds"]
+    assert run_folder.training_seconds(run) == lines[-1]["seconds"]
     assert any((run / "tensorboard").iterdir())
 
 
@@ -81,6 +87,16 @@ def test_a_resumed_run_equals_an_uninterrupted_one(scene, run, tmp_path, monkeyp
 def test_other_settings_do_not_go_on_in_the_same_folder(scene, run):
     with pytest.raises(UserError, match=r"losses\.gray was 0\.1, is 0\.5"):
         train_script.main(flags(scene, run, "Losses.gray = 0.5"))
+
+
+def test_seconds_of_training_add_up_over_starts(tmp_path):
+    assert run_folder.training_seconds(tmp_path) == 0.0
+    lines = [{"step": 1, "seconds": 60.0}, {"step": 2, "seconds": 100.0}]
+    path = tmp_path / run_folder.LOG
+    path.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
+    with run_folder.RunLog(tmp_path, 1) as log:  # step 2 was lost with a crash
+        log.scalars(2, {})
+    assert 60.0 <= run_folder.training_seconds(tmp_path) < 100.0
 
 
 def test_a_checkpoint_of_another_shape_is_refused(scene, run):
@@ -109,7 +125,8 @@ def test_evaluation_writes_pictures_and_scores(scene, run):
     assert enhanced["psnr_exposure_matched"] >= enhanced["psnr"]
     assert {"psnr", "ssim"} <= set(dark)
     assert {"gain_to_mean", "gamma_curve"} <= result["mean"].keys()
-    for output in "enhanced dark truth v r v_enhanced alpha gamma depth".split():
+    outputs = "enhanced dark truth v r v_enhanced alpha gamma depth gain_to_mean"
+    for output in outputs.split():
         picture = image_io.read_srgb(run / "eval" / output / "000.png")
         assert picture.shape == (32, 36, 3)
     assert (run / "eval" / "index.html").is_file()
@@ -149,7 +166,7 @@ def test_a_plain_nerf_trains_evaluates_and_renders(scene, tmp_path):
     for script in (train_script, eval_script, render_script):
         assert script.main(arguments) == 0
     mean = json.loads((tmp_path / "eval" / "metrics.json").read_text())["mean"]
-    assert mean.keys() == {"dark", "gain_to_mean", "gamma_curve"}
+    assert mean.keys() == {"dark", "unchanged", "gain_to_mean", "gamma_curve"}
     assert not (tmp_path / "eval" / "enhanced").exists()
 
 
@@ -159,9 +176,8 @@ def test_a_sweep_compares_what_is_done_and_runs_nothing_twice(scene, run, tmp_pa
     variants = ["--variants", "bright: Losses.exposure_target = 0.9"]
     for name, own in {"full": [], "bright": ["Losses.exposure_target = 0.9"]}.items():
         shutil.copytree(run / "eval", tmp_path / name / "eval")
-        own = [*own, f"Config.checkpoint_dir = {str(tmp_path / name)!r}"]
-        done = [*arguments, *(f"--gin_bindings={binding}" for binding in own)]
-        (tmp_path / name / "sweep_arguments.json").write_text(json.dumps(done))
+        config = scored_run.config_of(tmp_path / name, [], [*bindings(scene), *own])
+        (tmp_path / name / scored_run.RECORD).write_text(to_json(config))
     assert sweep_script.main([*arguments, *variants]) == 0
     assert "| bright |" in (tmp_path / "table.md").read_text()
     assert len((tmp_path / "table.csv").read_text().splitlines()) == 3

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: Apache-2.0
+"""compare.py and figures.py end to end on tiny scenes; trainings are stood in for."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import compare as compare_script
+import figures as figures_script
+from internal import comparison, enhancers, image_io, lime, run_folder, scored_run
+from internal.comparison import Job
+from internal.errors import UserError
+from tests.scene_writers import facing_world, write_blender, write_llff
+
+WORLD = facing_world()
+LIST = """
+["dark photo"]
+["x gain"]
+output = "gain_to_mean"
+["LIME"]
+photos = "lime"
+["{folder}"]
+photos = "enhanced/*"
+["LIME + NeRF"]
+photos = "lime"
+train = ["tiny.gin"]
+["ours"]
+train = ["tiny.gin"]
+output = "enhanced"
+"""
+needs_opencv = pytest.mark.skipif(
+    not enhancers.available(), reason="the extra enhance2d is not installed"
+)
+
+
+@pytest.fixture
+def trainings(monkeypatch):
+    """Instead of training: writes what eval.py would, and notes each start."""
+    started = []
+
+    def train_and_score(run, gin_configs, gin_bindings):
+        started.append((run.name, [x for x in gin_bindings if "images_dir" in x]))
+        if (run / "eval").is_dir():
+            return 0
+        for output in ("dark", "v", "r", "v_enhanced", "enhanced"):
+            (run / "eval" / output).mkdir(parents=True)
+            picture = np.full((18, 24, 3), 0.7, np.float32)
+            image_io.write(run / "eval" / output / "00.png", picture)
+        scores = {"unchanged": {"psnr": 11.0}, "enhanced": {"psnr": 12.0}}
+        (run / "eval" / "metrics.json").write_text(json.dumps({"mean": scores}))
+        (run / run_folder.LOG).write_text('{"step": 1, "seconds": 90.0}\n')
+        return 0
+
+    monkeypatch.setattr(comparison, "train_and_score", train_and_score)
+    return started
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    """A scene with truth and a folder of enhanced photos; the current folder."""
+    monkeypatch.chdir(tmp_path)
+    Path("methods.toml").write_text(LIST)
+    Path("tiny.gin").touch()
+    folder = write_blender(Path("scene"), WORLD)
+    for name in WORLD.names:
+        bright = np.full((18, 24, 3), 150 / 255, np.float32)  # the truth of view 0
+        (folder / "enhanced" / "mine").mkdir(parents=True, exist_ok=True)
+        image_io.write(folder / "enhanced" / "mine" / f"enh_{name}", bright)
+    return folder
+
+
+def compare(*scenes):
+    depths = [f"--gin_bindings=Config.{x}" for x in ("near = 2.5", "far = 7.0")]
+    lists = ["--methods", "methods.toml"]
+    return compare_script.main([*scenes, "--out", "out", *lists, *depths])
+
+
+@needs_opencv
+def test_every_method_has_a_row_and_a_picture(scene, trainings, capsys):
+    assert compare("scene") == 0
+    rows = json.loads(Path("out/results.json").read_text())["scene"]
+    assert list(rows) == ["dark photo", "x gain", "LIME", "mine", "LIME + NeRF", "ours"]
+    assert rows["mine"]["scores"]["psnr"] == 100.0  # equal to the truth
+    assert rows["x gain"]["scores"]["psnr"] > rows["dark photo"]["scores"]["psnr"]
+    assert rows["ours"]["scores"] == {"psnr": 12.0}
+    assert rows["ours"]["train_minutes"] == 1.5
+    dark = image_io.read_srgb(Path("scene/low/00.png"))
+    enhanced = image_io.read_srgb(Path("out/scene/photos/lime/00.png"))
+    np.testing.assert_allclose(enhanced, lime.lime(dark), atol=0.5 / 255 + 1e-6)
+    assert len(list(Path("out/scene/photos/lime").glob("*.png"))) == len(WORLD.names)
+    for name in ("comparison", "decomposition"):
+        assert image_io.read_srgb(Path(f"out/scene/{name}.png")).size > 0
+    assert {p.suffix for p in Path("out").glob("table.*")} == {".md", ".csv", ".tex"}
+    assert "comparison.png" in Path("out/index.html").read_text()
+    assert "| mine | **100.00** |" in capsys.readouterr().out
+
+
+@needs_opencv
+def test_models_train_on_the_photos_of_their_method(scene, trainings):
+    compare("scene")
+    lime_photos = str(Path("out/scene/photos/lime").resolve())
+    assert dict(trainings) == {
+        "tiny@lime": [f"Config.images_dir = {lime_photos!r}"],
+        "tiny@dark": [],
+    }
+
+
+@needs_opencv
+def test_a_second_run_does_only_what_is_new(scene, trainings, capsys):
+    compare("scene")
+    kept = Path("out/scene/scores/lime/metrics.json").stat().st_mtime_ns
+    photos = Path("out/scene/photos/lime/00.png").stat().st_mtime_ns
+    Path("methods.toml").write_text(LIST + '["gamma"]\noutput = "gamma_curve"')
+    capsys.readouterr()
+    compare("./scene")
+    assert "| gamma |" in Path("out/table.md").read_text()
+    assert Path("out/scene/scores/lime/metrics.json").stat().st_mtime_ns == kept
+    assert Path("out/scene/photos/lime/00.png").stat().st_mtime_ns == photos
+    assert capsys.readouterr().out.count("done before") == 5
+
+
+@needs_opencv
+def test_a_stopped_training_stops_all_and_keeps_the_rows_before(
+    scene, trainings, monkeypatch
+):
+    monkeypatch.setattr(comparison, "train_and_score", lambda *_: 130)
+    assert compare("scene") == 130
+    rows = json.loads(Path("out/results.json").read_text())["scene"]
+    assert list(rows) == ["dark photo", "x gain", "LIME", "mine"]
+
+
+@needs_opencv
+def test_a_training_that_fails_costs_only_its_rows(
+    scene, trainings, monkeypatch, capsys
+):
+    works = comparison.train_and_score
+
+    def fail_on_lime(run, *rest):
+        return 1 if run.name == "tiny@lime" else works(run, *rest)
+
+    monkeypatch.setattr(comparison, "train_and_score", fail_on_lime)
+    assert compare("scene") == 1
+    rows = json.loads(Path("out/results.json").read_text())["scene"]
+    assert list(rows) == ["dark photo", "x gain", "LIME", "mine", "ours"]
+    assert "no rows of: tiny on lime photos of scene" in capsys.readouterr().err
+
+
+def test_scenes_without_truth_have_figures_and_no_scores(scene):
+    write_llff(Path("plain"), WORLD)
+    Path("methods.toml").write_text('["dark"]\n["x gain"]\noutput = "gain_to_mean"')
+    assert compare("plain") == 0
+    rows = json.loads(Path("out/results.json").read_text())["plain"]
+    assert rows["x gain"]["scores"] == {}
+    assert Path("out/plain/comparison.png").is_file()
+
+
+def test_other_bindings_or_another_scene_of_that_name_are_refused(scene):
+    comparison.open_comparison(Path("out"), [Path("a/s")], ["Config.factor = 2"])
+    comparison.open_comparison(Path("out"), [Path("a/t")], ["Config.factor = 2"])
+    assert set(comparison.scenes_of(Path("out"))) == {"s", "t"}
+    with pytest.raises(UserError, match="other bindings"):
+        comparison.open_comparison(Path("out"), [Path("a/s")], [])
+    with pytest.raises(UserError, match="scene s was"):
+        comparison.open_comparison(Path("out"), [Path("b/s")], ["Config.factor = 2"])
+    with pytest.raises(UserError, match="same folder name"):
+        comparison.open_comparison(Path("new"), [Path("a/s"), Path("b/s")], [])
+    assert not Path("new").exists()
+
+
+def test_time_left_is_by_kind_of_work():
+    photos, training = Job(Path("s"), "", ()), Job(Path("s"), "", ("a.gin",))
+    left = compare_script.time_left
+    assert left({}, []) == "done before"
+    assert left({False: [6.0]}, [photos, training]) == "2 to do"
+    # 2 of 9 seconds on average, 3 of 600.
+    known = {False: [6.0, 12.0], True: [600.0]}
+    text = left(known, [photos] * 2 + [training] * 3)
+    assert text == "5 to do, about 30 min left"
+
+
+class TestFigures:
+    @pytest.fixture(autouse=True)
+    def _done(self, scene):
+        Path("methods.toml").write_text('["mine"]\nphotos = "enhanced/mine"')
+        compare("scene")
+
+    def test_a_crop_and_a_view_can_be_chosen(self):
+        figures = ["out", "--scene", "scene", "--methods", "mine", "--view", "00"]
+        before = image_io.read_srgb(Path("out/scene/comparison.png"))
+        assert figures_script.main([*figures, "--crop", "2", "3", "8", "6"]) == 0
+        after = image_io.read_srgb(Path("out/scene/comparison.png"))
+        assert after.shape != before.shape
+
+    @pytest.mark.parametrize(
+        ("arguments", "complaint"),
+        [
+            (["--crop", "20", "0", "8", "8"], "leaves the picture of 24x18"),
+            (["--crop", "0", "0", "1", "1"] * 5, "at most 4"),
+            (["--view", "77"], "no test view '77'; there are 00"),
+            (["--scene", "other"], "no scene other; has scene"),
+            (["--methods", "yours"], "no row 'yours'; it has mine"),
+            (["--renderings-only"], "no rendering to show"),
+            (["--columns", "0"], "--columns"),
+        ],
+    )
+    def test_what_is_not_there_is_one_line(self, arguments, complaint):
+        with pytest.raises(UserError, match=complaint):
+            figures_script.main(["out", *arguments])
+
+    def test_another_folder_is_refused(self):
+        with pytest.raises(UserError, match="make the comparison"):
+            figures_script.main(["scene"])
+
+
+def test_a_run_is_done_only_with_its_configuration(tmp_path, monkeypatch):
+    started = []
+
+    class Done:
+        returncode = 0
+
+    def run(command):
+        started.append(Path(command[1]).name)
+        (tmp_path / "eval").mkdir(exist_ok=True)
+        (tmp_path / "eval" / "metrics.json").touch()
+        return Done
+
+    monkeypatch.setattr(scored_run.subprocess, "run", run)
+    for bindings in ([], [], ["Train.max_steps = 7"]):
+        assert scored_run.train_and_score(tmp_path, [], bindings) == 0
+    assert started == ["train.py", "eval.py"] * 2
