@@ -12,7 +12,9 @@ from internal import atomic
 
 BACKGROUND, INK, ACCENT, FAINT = "#161616", "#e8e8e8", "#ffb347", "#8ab8ff"
 SHOWN_POINTS = 4000
-SHOWN_SPREAD = 2.5  # half-width of a plot, in spreads of cameras and points
+INNER = (3.0, 97.0)  # percentiles of the points that a plot makes room for
+MARGIN = 1.15  # width of a plot over that of what it shows
+ARROW = 0.15  # length of a camera's arrow over half the width
 DPI = 110
 
 
@@ -21,25 +23,29 @@ def plot_layout(
     points: Float[np.ndarray, "m 3"],
     path: Path,
 ) -> None:
-    """Cameras and sparse points from above and from the side; z is up."""
+    """Cameras and sparse points from two sides, in the axes of the scene."""
     figure = _figure(11.0, 5.0)
     shown = points[:: max(1, len(points) // SHOWN_POINTS)]
     for place, (title, across, up) in enumerate(
-        (("from above", 0, 1), ("from the side", 1, 2)), start=1
+        (("along z", 0, 1), ("along x", 1, 2)), start=1
     ):
         axes = _axes(figure, place, title)
         axes.scatter(shown[:, across], shown[:, up], s=2.0, c=FAINT, linewidths=0)
-        centres = camtoworlds[:, :, 3]
-        forward = -camtoworlds[:, :, 2]
+        centres = camtoworlds[:, [across, up], 3]
+        corners = np.concatenate([_inner(shown[:, [across, up]]), centres])
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        middle, half = (low + high) / 2.0, MARGIN * float((high - low).max()) / 2.0
+        forward = -camtoworlds[:, [across, up], 2] * ARROW * half
         axes.quiver(
-            *(centres[:, across], centres[:, up], forward[:, across], forward[:, up]),
-            color=ACCENT, scale=16.0, width=0.003,
+            *centres.T, *forward.T,
+            color=ACCENT, angles="xy", scale_units="xy", scale=1.0, width=0.003,
         )  # fmt: skip
-        axes.scatter(centres[:, across], centres[:, up], s=14.0, c=ACCENT)
+        axes.scatter(*centres.T, s=14.0, c=ACCENT, linewidths=0)
         axes.set_xlabel("xyz"[across])
         axes.set_ylabel("xyz"[up])
         axes.set_aspect("equal")
-        _limit(axes, np.concatenate([shown, centres])[:, [across, up]])
+        axes.set_xlim(middle[0] - half, middle[0] + half)
+        axes.set_ylim(middle[1] - half, middle[1] + half)
     _save(figure, path)
 
 
@@ -87,13 +93,9 @@ def _axes(figure: Figure, place: int, title: str) -> Axes:
     return axes
 
 
-def _limit(axes: Axes, shown: Float[np.ndarray, "k 2"]) -> None:
-    """Leaves far outliers out of view."""
-    middle = np.median(shown, axis=0)
-    spread = np.percentile(np.abs(shown - middle), 90.0, axis=0).max()
-    half = SHOWN_SPREAD / 2.0 * max(float(spread), 1e-6)
-    axes.set_xlim(middle[0] - half, middle[0] + half)
-    axes.set_ylim(middle[1] - half, middle[1] + half)
+def _inner(points: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "2 2"]:
+    """Corners of the box that leaves far outliers out."""
+    return np.percentile(points, INNER, axis=0) if len(points) else np.zeros((2, 2))
 
 
 def _save(figure: Figure, path: Path) -> None:
