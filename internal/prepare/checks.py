@@ -18,7 +18,7 @@ FEWEST_POINTS = 50
 PLACED_ENOUGH = 0.5
 LARGE_ERROR = 2.0  # pixels of the copies
 USELESS_ERROR = 5.0
-SMALL_ANGLE = 2.0  # degrees between the rays to a point
+SMALL_ANGLE = 5.0  # degrees between the outermost cameras
 DARK_LEVEL = 4.0  # of 255, mean
 BRIGHT_LEVEL = 90.0
 FEW_LEVELS = 16
@@ -32,8 +32,8 @@ class Geometry:
 
     registered: int
     error: float  # mean reprojection, or median epipolar where there are no tracks
-    points: int
-    angle: float  # median angle under which two views see a point
+    points: int  # 0 where the format has none
+    angle: float  # between the outermost cameras, seen from the scene
     has_depth_range: bool
 
 
@@ -82,7 +82,7 @@ def _faults(geometry: Geometry, photos: int) -> list[str]:
         "wrong or belong to other photos; estimate them again.": not geometry.error
         < USELESS_ERROR,
         f"Only {geometry.points} points were found: photograph things with texture, "
-        "in more light.": geometry.points < FEWEST_POINTS,
+        "in more light.": 0 < geometry.points < FEWEST_POINTS,
         "No depth range: no points that several photos see; give Config.near and "
         "Config.far.": not geometry.has_depth_range,
     }
@@ -96,7 +96,7 @@ def _geometry_advice(geometry: Geometry) -> list[str]:
         f"Poses fit to {geometry.error:.1f} pixels only, so fine detail will be lost: "
         "use a tripod or shorter exposures against motion blur.": geometry.error
         > LARGE_ERROR,
-        f"The camera hardly moved (rays meet at {geometry.angle:.1f} degrees): depth "
+        f"The camera hardly moved ({geometry.angle:.1f} degrees about the scene): depth "
         "is uncertain. Step sideways between photos.": geometry.angle < SMALL_ANGLE,
     }
     return [text for text, holds in tests.items() if holds]

@@ -70,7 +70,10 @@ def map_incrementally(database: Path, work: Path, views: int) -> list[Model]:
             options,
             next_image_callback=lambda: _advance(shown),
         )
-    return _by_size(found)
+        models = _by_size(found)
+        placed = len(models[0].views) if models else 0
+        shown.update(placed - shown.n)  # the first two come without a call
+    return models
 
 
 def map_globally(database: Path, work: Path) -> list[Model]:
@@ -160,5 +163,6 @@ def _by_size(found: dict[int, pycolmap.Reconstruction]) -> list[Model]:
 
 
 def _advance(shown: tqdm) -> None:
+    """One more camera: an attempt that COLMAP gives up starts no second bar."""
     if shown.n < shown.total:
         shown.update()

@@ -124,7 +124,7 @@ def _prepare(inputs: Inputs, scene: Path) -> Report:
         next_command=train_command(scene, photos[0].width),
     )
     write_report(report, pictured, scene / FOLDER)
-    finish_folder(scene, {"photos": report.photos, "registered": report.registered})
+    finish_folder(scene, {"registered": float(report.registered)})
     shutil.rmtree(work)
     return report
 

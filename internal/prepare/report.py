@@ -106,6 +106,7 @@ def read_report(folder: Path) -> Report:
         content = json.loads(path.read_text())
         content["failed"] = tuple(Rejected(**entry) for entry in content["failed"])
         content["tried"] = tuple(Tried(**entry) for entry in content["tried"])
+        content["warnings"] = tuple(content["warnings"])
         return Report(**content)
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise UserError(

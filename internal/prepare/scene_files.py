@@ -113,7 +113,7 @@ def write_readme(
         partial.write_text(text)
 
 
-def lens_entry(lens: Lens) -> dict[str, float]:
+def lens_entry(lens: Lens) -> dict[str, float | int]:
     """A lens of one focal length and one radial term in the terms of OpenCV."""
     focal, cx, cy, k1 = lens.params
     return {

@@ -77,6 +77,6 @@ def sharpness(grey: Float[np.ndarray, "height width"]) -> float:
 
 def total_histogram(
     photos: Sequence[PhotoStatistics],
-) -> Int[np.ndarray, " {LEVELS}"]:
+) -> Int[np.ndarray, " levels"]:
     """Counts of each level over all photos."""
     return np.sum([photo.histogram for photo in photos], axis=0)
