@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scene_writers import facing_world, flat_picture, random_rotation, surrounding_world
 
-from internal import image, image_io, made_folder, raw, video
+from internal import colmap, image, image_io, made_folder, raw, video
 from internal.errors import UserError
 from internal.pose_comparison import compare
 from internal.poses import transform_poses
 from internal.prepare import brighten, checks, exposures, matching, reasons, statistics
-from internal.prepare.checking import neighbours
+from internal.prepare.checking import epipolar_error, neighbours
 from internal.prepare.orient import DISTANCE, scene_frame
 from internal.prepare.photos import find_photos
 from internal.prepare.video_frames import extract_frames
@@ -199,6 +199,20 @@ def test_neighbours_on_a_circle_are_beside_each_other():
     pairs = neighbours(surrounding_world(views=12).camtoworlds)
     steps = {min((j - i) % 12, (i - j) % 12) for i, j in pairs}
     assert {1} < steps <= {1, 2}
+
+
+def test_matches_lie_where_right_poses_put_them_and_not_where_others_do():
+    world = facing_world()
+    local = [(world.points - c[:, 3]) @ c[:, :3] for c in world.camtoworlds]
+    seen = np.stack([colmap.project(world.lens, points) for points in local], axis=1)
+    inside = ((seen > 0) & (seen < [world.lens.width, world.lens.height])).all((1, 2))
+    pixels = {(i, i + 1): seen[inside, i : i + 2] for i in range(5)}
+    lenses = [world.lens] * 6
+    assert epipolar_error(world.camtoworlds, lenses, pixels) < 1e-6
+    assert epipolar_error(world.camtoworlds[::-1], lenses, pixels) > 0.5
+    turned = world.camtoworlds * np.array([-1.0, 1.0, -1.0, 1.0])  # looking backwards
+    assert epipolar_error(turned, lenses, pixels) > 0.5
+    assert epipolar_error(world.camtoworlds, lenses, {}) == world.lens.width
 
 
 def test_the_sharpest_frame_of_each_interval_is_kept(tmp_path):

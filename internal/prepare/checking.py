@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from internal import colmap, image_io, poses, progress, readers
 from internal.cameras import Lens
@@ -24,6 +24,7 @@ from internal.readers.base import SceneFiles
 from internal.scene_loading import check_lenses, check_poses, find_truth, fit_lenses
 
 NEIGHBOURS = 3  # that each view is matched with
+PARALLEL = np.radians(0.5)
 PixelPairs = dict[tuple[int, int], Float[np.ndarray, "_matches 2 2"]]
 
 
@@ -96,18 +97,19 @@ def epipolar_error(
 ) -> float:
     """Median distance in pixels of matches from where the poses put them.
 
-    Infinite without matches. Half a pixel to two is what features allow.
+    A match whose rays meet behind a camera is as far off as the picture is wide, and
+    so is everything without matches. Half a pixel to two is what features allow.
     """
     errors = [
-        _plane_distances(camtoworlds[[i, j]], [lenses[i], lenses[j]], ends)
+        _match_errors(camtoworlds[[i, j]], (lenses[i], lenses[j]), ends)
         for (i, j), ends in pixels.items()
     ]
-    return float(np.median(np.concatenate(errors))) if errors else float("inf")
+    return float(np.median(np.concatenate(errors or [[lenses[0].width]])))
 
 
-def _plane_distances(
+def _match_errors(
     camtoworlds: Float[np.ndarray, "2 3 4"],
-    lenses: list[Lens],
+    lenses: tuple[Lens, Lens],
     ends: Float[np.ndarray, "m 2 2"],
 ) -> Float[np.ndarray, " m"]:
     """Angles between each ray and the plane of the other ray and the baseline, as
@@ -117,14 +119,32 @@ def _plane_distances(
         colmap.pixel_rays(lens, ends[:, side]) @ camtoworlds[side, :, :3].T
         for side, lens in enumerate(lenses)
     ]
-    distances = np.zeros(len(ends))
+    errors = np.zeros(len(ends))
     for side, lens in enumerate(lenses):
         normals = np.cross(rays[1 - side], baseline)
         lengths = np.maximum(np.linalg.norm(normals, axis=-1), np.finfo(float).tiny)
         sines = np.abs((rays[side] * normals).sum(axis=-1)) / lengths
         focal = sum(colmap.focal_lengths(lens)) / 2.0
-        distances += np.arcsin(np.clip(sines, 0.0, 1.0)) * focal / 2.0
-    return distances
+        errors += np.arcsin(np.clip(sines, 0.0, 1.0)) * focal / 2.0
+    behind = _meet_behind(rays[0], rays[1], baseline)
+    return np.where(behind, lenses[0].width, errors)
+
+
+def _meet_behind(
+    first: Float[np.ndarray, "m 3"],
+    second: Float[np.ndarray, "m 3"],
+    baseline: Float[np.ndarray, " 3"],
+) -> Bool[np.ndarray, " m"]:
+    """Whether two unit rays come nearest to each other behind where one starts.
+
+    Rays that are as good as parallel meet far away, before or behind: not counted.
+    """
+    cosines = (first * second).sum(axis=-1)
+    along_first, along_second = first @ baseline, second @ baseline
+    ahead = np.minimum(
+        along_first - along_second * cosines, along_first * cosines - along_second
+    )
+    return (ahead < 0.0) & (1.0 - cosines**2 > np.sin(PARALLEL) ** 2)
 
 
 def _match_neighbours(files: SceneFiles, copies: list[Copy], work: Path) -> PixelPairs:

@@ -17,7 +17,7 @@ FEW_VIEWS = 10
 FEWEST_POINTS = 50
 PLACED_ENOUGH = 0.5
 LARGE_ERROR = 2.0  # pixels of the copies
-USELESS_ERROR = 5.0
+USELESS_ERROR = 3.0
 SMALL_ANGLE = 5.0  # degrees between the outermost cameras
 DARK_LEVEL = 4.0  # of 255, mean
 BRIGHT_LEVEL = 90.0
@@ -78,7 +78,7 @@ def _faults(geometry: Geometry, photos: int) -> list[str]:
         f"Only {geometry.registered} of {photos} photos have a pose: reshoot with more "
         "overlap and more light, on a tripod.": geometry.registered
         < max(FEWEST_VIEWS, PLACED_ENOUGH * photos),
-        f"Poses and matches disagree by {geometry.error:.1f} pixels: the poses are "
+        f"Poses and matches disagree (by {geometry.error:.1f} pixels): the poses are "
         "wrong or belong to other photos; estimate them again.": not geometry.error
         < USELESS_ERROR,
         f"Only {geometry.points} points were found: photograph things with texture, "
@@ -96,8 +96,9 @@ def _geometry_advice(geometry: Geometry) -> list[str]:
         f"Poses fit to {geometry.error:.1f} pixels only, so fine detail will be lost: "
         "use a tripod or shorter exposures against motion blur.": geometry.error
         > LARGE_ERROR,
-        f"The camera hardly moved ({geometry.angle:.1f} degrees about the scene): depth "
-        "is uncertain. Step sideways between photos.": geometry.angle < SMALL_ANGLE,
+        f"The camera hardly moved ({geometry.angle:.1f} degrees about the scene): "
+        "depth is uncertain. Step sideways between photos.": geometry.angle
+        < SMALL_ANGLE,
     }
     return [text for text, holds in tests.items() if holds]
 
