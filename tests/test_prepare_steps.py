@@ -209,7 +209,7 @@ def test_matches_lie_where_right_poses_put_them_and_not_where_others_do():
     pixels = {(i, i + 1): seen[inside, i : i + 2] for i in range(5)}
     lenses = [world.lens] * 6
     assert epipolar_error(world.camtoworlds, lenses, pixels) < 1e-6
-    assert epipolar_error(world.camtoworlds[::-1], lenses, pixels) > 0.5
+    assert epipolar_error(world.camtoworlds[::-1], lenses, pixels) > 0.1
     turned = world.camtoworlds * np.array([-1.0, 1.0, -1.0, 1.0])  # looking backwards
     assert epipolar_error(turned, lenses, pixels) > 0.5
     assert epipolar_error(world.camtoworlds, lenses, {}) == world.lens.width
