@@ -33,17 +33,12 @@ class Exposures:
     """Gains of all views; exactly 1 where the photos are equally exposed."""
 
     gains: Float[np.ndarray, "views 3"]
-    measured_stops: float  # largest |log2 gain| that was measured, mean of channels
+    measured_stops: Float[np.ndarray, " views"]  # log2, mean of channels, as measured
 
     @property
     def equal(self) -> bool:
         """Whether all photos have one exposure."""
         return bool((self.gains == 1.0).all())
-
-    @property
-    def stops(self) -> Float[np.ndarray, " views"]:
-        """Log2 of each view's gain, mean of channels."""
-        return np.log2(self.gains).mean(axis=-1)
 
 
 def sample_light(
@@ -89,10 +84,10 @@ def estimate(
     if known.any():
         log_gains -= log_gains[known].mean(axis=0)
     log_gains[~known] = 0.0
-    stops = np.abs(log_gains / np.log(2.0))
-    if stops.max() < EQUAL_STOPS:
+    stops = log_gains / np.log(2.0)
+    if np.abs(stops).max() < EQUAL_STOPS:
         log_gains[:] = 0.0
-    return Exposures(np.exp(log_gains), float(stops.mean(axis=-1).max()))
+    return Exposures(np.exp(log_gains), stops.mean(axis=-1))
 
 
 def write(exposures: Exposures, names: Sequence[str], path: Path) -> None:

@@ -54,7 +54,8 @@ def summarize(
         angle=sweep_angle(files.camtoworlds),
         has_depth_range=bounds is not None,
     )
-    stops = 0.0 if exposures.equal else float(np.abs(exposures.stops).max())
+    largest = float(np.abs(exposures.measured_stops).max())
+    stops = 0.0 if exposures.equal else largest
     verdict = judge(geometry, photos, failed, stops)
     report = Report(
         source=source,
@@ -70,7 +71,7 @@ def summarize(
         near=bounds.near if bounds else 0.0,
         far=bounds.far if bounds else 0.0,
         **_light(photos),
-        exposure_stops=exposures.measured_stops,
+        exposure_stops=largest,
         truth=truth,
         warnings=verdict.warnings,
         next_command=next_command,
@@ -150,5 +151,5 @@ def _pictured(
         camtoworlds=files.camtoworlds,
         points=files.points,
         histogram=statistics.total_histogram(photos),
-        stops=exposures.stops,
+        stops=exposures.measured_stops,
     )
