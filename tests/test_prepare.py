@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from scene_writers import edit_json, flat_picture
 from textured_room import room_cameras, write_room
@@ -144,6 +145,16 @@ def test_bright_twins_give_poses_where_photos_are_too_dark(truth, tmp_path):
     assert report.registered == VIEWS
     assert report.tried[0].way == "as it is"
     assert report.mean_level < 10.0
+
+
+def test_random_exposures_are_written(tmp_path, only_first_way):
+    stops = np.array([0.5, -1.0, 0.0, 1.0, -0.5, 0.25, -0.25])
+    write_room(tmp_path / "photos", VIEWS, exposure=0.05 * 2.0**stops)
+    prepare(inputs(tmp_path / "photos"), tmp_path / "scene", overwrite=False)
+    content = json.loads((tmp_path / "scene" / "exposures.json").read_text())
+    gains = np.array([content["gains"][f"{view:02}.png"] for view in range(VIEWS)])
+    expected = 2.0 ** (stops - stops.mean())
+    np.testing.assert_allclose(gains, np.tile(expected, (3, 1)).T, rtol=0.03)
 
 
 def test_check_accepts_right_poses_and_refuses_wrong_ones(scene, tmp_path, capsys):

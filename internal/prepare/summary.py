@@ -15,11 +15,11 @@ from internal.prepare.checks import Geometry, judge
 from internal.prepare.exposures import Exposures
 from internal.prepare.photos import Found, Rejected
 from internal.prepare.report import Pictured, Report, Tried
+from internal.prepare.scene_files import HOLDOUT
 from internal.prepare.statistics import PhotoStatistics
 from internal.readers.base import SceneFiles
 from internal.scene_loading import fit_lenses, held_out
 
-HOLDOUT = 8
 TRAIN = "python train.py --gin_configs=configs/llnerf_small.gin"
 TRAINED_WIDTH = 500  # pixels: the small configuration is made for about this
 
