@@ -1,36 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Charts, through Matplotlib (the only module that imports it; the extra ``plots``).
+"""Charts for pages, through Matplotlib.
 
 Charts are SVG texts without a fixed background: their ink is legible on black and on
 white. The same numbers give the same text.
 """
 
-import importlib.util
 import io
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
-from internal.errors import UserError
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
 from internal.study.answers import Preference
-
-if TYPE_CHECKING:
-    import matplotlib.axes
-    import matplotlib.figure
 
 INK = "#8a8a8a"
 COLORS = ("#3d8bd4", "#9a9a9a", "#d9822b")  # A, undecided, B
 COLUMNS = 3
-
-
-def available() -> bool:
-    """Whether the extra ``plots`` is installed."""
-    return importlib.util.find_spec("matplotlib") is not None
-
-
-def check_available() -> None:
-    """Raises a ``UserError`` unless the extra ``plots`` is installed."""
-    if not available():
-        raise UserError("charts need matplotlib: run pip install -e '.[plots]'")
 
 
 def curves(steps: Sequence[int], series: Mapping[str, Sequence[float]]) -> str:
@@ -77,15 +63,12 @@ def preferences(ours: str, results: Sequence[Preference]) -> str:
     return _svg(figure)
 
 
-def _figure(width: float, height: float) -> "matplotlib.figure.Figure":
+def _figure(width: float, height: float) -> Figure:
     """A figure of that size in inches, apart from Matplotlib's global state."""
-    check_available()
-    import matplotlib.figure
-
-    return matplotlib.figure.Figure(figsize=(width, height), layout="constrained")
+    return Figure(figsize=(width, height), layout="constrained")
 
 
-def _recolor(axes: "matplotlib.axes.Axes") -> None:
+def _recolor(axes: Axes) -> None:
     axes.set_facecolor("none")
     axes.tick_params(colors=INK)
     axes.xaxis.label.set_color(INK)
@@ -94,10 +77,8 @@ def _recolor(axes: "matplotlib.axes.Axes") -> None:
         spine.set_visible(side in ("left", "bottom"))
 
 
-def _svg(figure: "matplotlib.figure.Figure") -> str:
+def _svg(figure: Figure) -> str:
     """The figure's svg element, without the XML head that HTML cannot hold."""
-    import matplotlib
-
     text = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": "llnerf"}):
         figure.savefig(text, format="svg", transparent=True, metadata={"Date": None})

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""COLMAP: lens models and reconstructions (the only module that imports pycolmap).
+"""COLMAP: lens models and reconstructions.
+
+``prepare/matching.py`` and ``prepare/mapping.py`` run it; no other module imports
+pycolmap.
 
 Frames: COLMAP cameras are OpenCV (x right, y down, z forwards); everything that
 leaves this module is OpenGL (x right, y up, z backwards). Pixel coordinates are
@@ -17,7 +20,8 @@ from jaxtyping import Float, UInt8
 from internal.cameras import Lens
 from internal.errors import UserError
 
-pycolmap.logging.minloglevel = 2  # it reports every file it reads on stderr
+# It reports every file it reads and every attempt that fails on stderr.
+pycolmap.logging.minloglevel = 3
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "colmap_sparse/0", "colmap/sparse/0")
 # Beyond this angle from the axis, depth is no measure of distance along a ray.
@@ -57,7 +61,7 @@ def lens_directions(lens: Lens) -> Float[np.ndarray, "pixels 3"]:
     Raises:
         UserError: the lens is invalid, or a pixel has no direction.
     """
-    rays = _rays(lens, _pixel_centres(lens).reshape(-1, 2))
+    rays = pixel_rays(lens, _pixel_centres(lens).reshape(-1, 2))
     if has_depth(lens):
         rays = rays / -rays[:, 2:]
     return rays.astype(np.float32)
@@ -78,7 +82,7 @@ def half_angle(lens: Lens) -> float:
         return math.pi
     pixels = _pixel_centres(lens)
     border = [pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]]
-    depths = -_rays(lens, np.concatenate(border))[:, 2]
+    depths = -pixel_rays(lens, np.concatenate(border))[:, 2]
     return float(np.arccos(np.clip(depths, -1.0, 1.0)).max())
 
 
@@ -94,6 +98,32 @@ def project(lens: Lens, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "
     distances = np.linalg.norm(points, axis=-1, keepdims=True)
     seen = -points[:, 2:] >= math.cos(half_angle(lens)) * distances
     return np.where(seen, pixels, np.nan)
+
+
+def pixel_rays(
+    lens: Lens, pixels: Float[np.ndarray, "m 2"]
+) -> Float[np.ndarray, "m 3"]:
+    """Unit rays (OpenGL camera frame) through pixels, checked by projecting them back.
+
+    pycolmap inverts distortions by Newton steps, which may end at a wrong root or
+    nowhere when a polynomial leaves the range that it was fitted on.
+
+    Raises:
+        UserError: the lens is invalid, or a pixel has no direction.
+    """
+    camera = _camera(lens)
+    rays = np.asarray(camera.cam_ray_from_img(pixels))
+    error = np.abs(np.asarray(camera.img_from_cam(rays)) - pixels).max(axis=-1)
+    lost = ~(error < ROUND_TRIP_TOLERANCE)
+    if lost.any():
+        x, y = pixels[lost][0]
+        raise UserError(
+            f"lens {lens.model} {lens.params}: {lost.sum()} of {len(pixels)} pixels "
+            f"have no direction, e.g. ({x:g}, {y:g}) of {lens.width}x{lens.height}; "
+            "calibrate with fewer distortion terms, or undistort the photos first "
+            "(colmap image_undistorter)"
+        )
+    return rays * OPENGL_FROM_OPENCV
 
 
 def scale_lens(lens: Lens, width: int, height: int) -> Lens:
@@ -246,24 +276,3 @@ def _with_two_focals(lens: Lens) -> Lens:
     model, zeros = _TWO_FOCALS[lens.model]
     params = (lens.params[0], *lens.params, *(0.0,) * zeros)
     return dataclasses.replace(lens, model=model, params=params)
-
-
-def _rays(lens: Lens, pixels: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 3"]:
-    """Unit rays through pixel coordinates, checked by projecting them back.
-
-    pycolmap inverts distortions by Newton steps, which may end at a wrong root or
-    nowhere when a polynomial leaves the range that it was fitted on.
-    """
-    camera = _camera(lens)
-    rays = np.asarray(camera.cam_ray_from_img(pixels))
-    error = np.abs(np.asarray(camera.img_from_cam(rays)) - pixels).max(axis=-1)
-    lost = ~(error < ROUND_TRIP_TOLERANCE)
-    if lost.any():
-        x, y = pixels[lost][0]
-        raise UserError(
-            f"lens {lens.model} {lens.params}: {lost.sum()} of {len(pixels)} pixels "
-            f"have no direction, e.g. ({x:g}, {y:g}) of {lens.width}x{lens.height}; "
-            "calibrate with fewer distortion terms, or undistort the photos first "
-            "(colmap image_undistorter)"
-        )
-    return rays * OPENGL_FROM_OPENCV

@@ -5,6 +5,7 @@ Pictures are ``[height, width, channels]`` float32 sRGB in [0, 1] unless a name
 says otherwise; row 0 is the top row, as seen (EXIF orientation is applied).
 """
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,14 @@ EXTENSIONS = frozenset(
 RAW_EXTENSIONS = frozenset(
     ".dng .arw .cr2 .cr3 .nef .orf .raf .rw2 .pef .srw .x3f .raw".split()
 )
+
+
+@dataclasses.dataclass(frozen=True)
+class Exif:
+    """Which camera took a photo, and how wide it saw."""
+
+    camera: str  # maker and model; "" if not stated
+    focal_35mm: float  # focal length for the diagonal of 35 mm film, mm; 0 if unknown
 
 
 def is_image(path: Path) -> bool:
@@ -66,6 +75,17 @@ def read_size(path: Path) -> tuple[int, int]:
     spec = buffer.spec()
     turned = buffer.orientation >= 5
     return (spec.height, spec.width) if turned else (spec.width, spec.height)
+
+
+def read_exif(path: Path) -> Exif:
+    """What the camera wrote about the photo; empty for a file that is unreadable."""
+    buffer = oiio.ImageBuf(str(path))
+    if buffer.has_error:
+        return Exif("", 0.0)
+    spec = buffer.spec()
+    words = (spec.get_string_attribute(key) for key in ("Make", "Model"))
+    focal = float(spec.get_int_attribute("Exif:FocalLengthIn35mmFilm", 0))
+    return Exif(" ".join(word.strip() for word in words if word.strip()), focal)
 
 
 def write(path: Path, srgb: Float[np.ndarray, "height width channels"]) -> None:

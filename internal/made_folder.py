@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Folders that a program makes: whole or absent, made once, never over the user's.
+"""Folders that a program makes: made once, never over the user's.
+
+``make_folder`` makes one whole or not at all; ``begin_folder`` and ``finish_folder``
+fill one over several runs.
 
 The record beside the content states the settings it was made with and facts about
 it, so that a second run with the same settings costs nothing.
@@ -12,6 +15,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from internal.atomic import writing
 from internal.errors import UserError
 
 RECORD = "made_with.json"
@@ -41,22 +45,14 @@ def make_folder(
         UserError: other things are in the way, or the folder cannot be written.
     """
     settings = json.loads(json.dumps(settings))
-    record = _read_record(folder)
-    if record is None and folder.exists() and _is_occupied(folder):
-        raise UserError(f"{folder}: not made by this program; choose another folder")
+    record = _own_record(folder, settings, overwrite=overwrite)
     if record and not overwrite:
-        if record["settings"] == settings:
-            return record["facts"]
-        raise UserError(
-            f"{folder}: made with other settings ({_difference(record, settings)}); "
-            "choose another folder, or --overwrite"
-        )
+        return record["facts"]
     partial = folder.with_name(f".partial-{folder.name}-{os.getpid()}")
     try:
         partial.mkdir(parents=True)
         facts = fill(partial)
-        content = json.dumps({"settings": settings, "facts": facts}, indent=2)
-        (partial / RECORD).write_text(content + "\n")
+        _write_record(partial, settings, facts)
         if record:
             shutil.rmtree(folder)
         partial.replace(folder)
@@ -67,6 +63,68 @@ def make_folder(
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return facts
+
+
+def begin_folder(
+    folder: Path, settings: Mapping[str, Any], *, overwrite: bool
+) -> Facts | None:
+    """Opens a folder that is filled step by step, over several runs if need be.
+
+    Args:
+        folder: made if missing; what an earlier run with these settings left stays.
+        settings: everything the content depends on, as JSON can hold it.
+        overwrite: empties one that this function opened before.
+
+    Returns:
+        The facts of ``finish_folder`` if an earlier run got there, else None.
+
+    Raises:
+        UserError: other things are in the way, or the folder cannot be written.
+    """
+    settings = json.loads(json.dumps(settings))
+    record = _own_record(folder, settings, overwrite=overwrite)
+    if record and not overwrite:
+        return record["facts"]
+    try:
+        if record:
+            shutil.rmtree(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        _write_record(folder, settings, None)
+    except OSError as error:
+        raise UserError(
+            f"{folder}: cannot write ({error.strerror}); free space or pick a folder"
+        ) from error
+    return None
+
+
+def finish_folder(folder: Path, facts: Facts) -> None:
+    """Records that a folder which ``begin_folder`` opened is complete."""
+    record = _read_record(folder)
+    assert record is not None, folder
+    _write_record(folder, record["settings"], facts)
+
+
+def _own_record(
+    folder: Path, settings: Mapping[str, Any], *, overwrite: bool
+) -> dict[str, Any] | None:
+    """The record of a folder that may be used with these settings, if it has one."""
+    record = _read_record(folder)
+    if record is None and folder.exists() and _is_occupied(folder):
+        raise UserError(f"{folder}: not made by this program; choose another folder")
+    if record and not overwrite and record["settings"] != settings:
+        raise UserError(
+            f"{folder}: made with other settings ({_difference(record, settings)}); "
+            "choose another folder, or --overwrite"
+        )
+    return record
+
+
+def _write_record(
+    folder: Path, settings: Mapping[str, Any], facts: Facts | None
+) -> None:
+    content = json.dumps({"settings": settings, "facts": facts}, indent=2)
+    with writing(folder / RECORD) as partial:
+        partial.write_text(content + "\n")
 
 
 def _is_occupied(folder: Path) -> bool:

@@ -29,7 +29,7 @@ def compare_outputs(media: Media) -> pages.Markup:
 def training_parts(run: Path) -> list[pages.Markup]:
     """Curves, command and configuration of a run, as far as its folder holds them."""
     parts = []
-    if (run / "metrics.jsonl").is_file() and charts.available():
+    if (run / "metrics.jsonl").is_file():
         lines = (run / "metrics.jsonl").read_text().splitlines()
         parts += _curves([json.loads(line) for line in lines])
     for heading, name in (("Command", "command.txt"), ("Configuration", "config.json")):

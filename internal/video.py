@@ -6,7 +6,7 @@ The optional extra ``video`` brings PyAV with its own FFmpeg. Frames are
 """
 
 import importlib.util
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,6 +49,31 @@ def write_video(
         raise UserError(f"{path}: videos need PyAV: run pip install -e '.[video]'")
     with writing(path) as partial:
         _encode(frames, partial, fps)
+
+
+def read_video(
+    path: Path,
+) -> Iterator[tuple[float, UInt8[np.ndarray, "height width 3"]]]:
+    """Yields the time in seconds and the picture, upright, of each frame.
+
+    Raises:
+        UserError: PyAV is missing, or the file is no video that it can read.
+    """
+    if not available():
+        raise UserError(f"{path}: videos need PyAV: run pip install -e '.[video]'")
+    import av
+    from av.error import FFmpegError
+
+    try:
+        with av.open(str(path)) as container:
+            for frame in container.decode(video=0):
+                picture = frame.to_ndarray(format="rgb24")
+                yield frame.time or 0.0, np.rot90(picture, round(frame.rotation / 90))
+    except (FFmpegError, IndexError) as error:
+        raise UserError(
+            f"{path}: not a readable video ({error}); expected MP4, MOV, MKV, ...: "
+            "copy the file again, or give a folder of photos"
+        ) from error
 
 
 def _encode(

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Checks a scene that has poses, in any format that the readers know.
+
+Matches between neighbouring views are found afresh; where the poses are right, the
+ray of a pixel and the ray of its match lie in one plane with both centres.
+"""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from internal import colmap, image_io, poses, progress, readers
+from internal.cameras import Lens
+from internal.errors import UserError
+from internal.prepare import attempts, exposures, matching, statistics
+from internal.prepare.brighten import copy_size
+from internal.prepare.exposures import Exposures
+from internal.prepare.matching import Copy, Pairs
+from internal.prepare.report import Report, write_report
+from internal.prepare.summary import summarize, train_command
+from internal.readers.base import SceneFiles
+from internal.scene_loading import check_lenses, check_poses, find_truth, fit_lenses
+
+NEIGHBOURS = 3  # that each view is matched with
+PARALLEL = np.radians(0.5)
+PixelPairs = dict[tuple[int, int], Float[np.ndarray, "_matches 2 2"]]
+
+
+def check_scene(data_dir: Path, folder: Path) -> Report:
+    """Checks a scene, writes the report into ``folder`` and returns it.
+
+    Raises:
+        UserError: no scene, broken pictures, poses or lenses, or an unwritable folder.
+    """
+    files = readers.read_files(data_dir, "auto", "")
+    check_poses(files)
+    check_lenses(files)
+    lenses = fit_lenses(files, 1)
+    truth = find_truth(files, data_dir, "")
+    count = len(files.names)
+    photos = [
+        statistics.measure(image_io.read_srgb(path))
+        for path in progress.track(files.image_paths, count, "reading photos", "photo")
+    ]
+    copies = [_copy(lens) for lens in lenses]
+    with tempfile.TemporaryDirectory() as work:
+        pixels = _match_neighbours(files, copies, Path(work))
+    small = [
+        colmap.scale_lens(e, c.width, c.height)
+        for e, c in zip(lenses, copies, strict=True)
+    ]
+    gains = _exposures(files, copies, pixels)
+    report, pictured = summarize(
+        files,
+        source=data_dir.resolve().name,
+        photos=photos,
+        total=count,
+        failed=(),
+        tried=(),
+        error=epipolar_error(files.camtoworlds, small, pixels),
+        error_kind="median epipolar error",
+        exposures=gains,
+        truth=truth.reason,
+        next_command=train_command(data_dir, lenses[0].width),
+    )
+    try:
+        write_report(report, pictured, folder)
+    except OSError as error:
+        raise UserError(
+            f"{folder}: cannot write ({error.strerror}); name a folder with --report"
+        ) from error
+    return report
+
+
+def neighbours(camtoworlds: Float[np.ndarray, "n 3 4"]) -> Pairs:
+    """Pairs of each view with the ``NEIGHBOURS`` that see most of what it sees.
+
+    Cameras are near if their centres are, seen from the scene, and axes agree.
+    """
+    centres = camtoworlds[:, :, 3]
+    reach = np.linalg.norm(centres - poses.focus_point(camtoworlds), axis=-1).mean()
+    apart = np.linalg.norm(centres[:, None] - centres, axis=-1) / max(reach, 1e-12)
+    turned = 1.0 - camtoworlds[:, :, 2] @ camtoworlds[:, :, 2].T
+    distance = apart + turned
+    np.fill_diagonal(distance, np.inf)
+    nearest = np.argsort(distance, axis=1, kind="stable")[:, :NEIGHBOURS]
+    pairs = {
+        (min(i, j), max(i, j)) for i, row in enumerate(nearest.tolist()) for j in row
+    }
+    return sorted(pair for pair in pairs if pair[0] != pair[1])
+
+
+def epipolar_error(
+    camtoworlds: Float[np.ndarray, "n 3 4"], lenses: list[Lens], pixels: PixelPairs
+) -> float:
+    """Median distance in pixels of matches from where the poses put them.
+
+    A match whose rays meet behind a camera is as far off as the picture is wide, and
+    so is everything without matches. Half a pixel to two is what features allow.
+    """
+    errors = [
+        _match_errors(camtoworlds[[i, j]], (lenses[i], lenses[j]), ends)
+        for (i, j), ends in pixels.items()
+    ]
+    return float(np.median(np.concatenate(errors or [[lenses[0].width]])))
+
+
+def _match_errors(
+    camtoworlds: Float[np.ndarray, "2 3 4"],
+    lenses: tuple[Lens, Lens],
+    ends: Float[np.ndarray, "m 2 2"],
+) -> Float[np.ndarray, " m"]:
+    """Angles between each ray and the plane of the other ray and the baseline, as
+    pixels at the middle of the picture; the mean of both sides."""
+    baseline = camtoworlds[1, :, 3] - camtoworlds[0, :, 3]
+    rays = [
+        colmap.pixel_rays(lens, ends[:, side]) @ camtoworlds[side, :, :3].T
+        for side, lens in enumerate(lenses)
+    ]
+    errors = np.zeros(len(ends))
+    for side, lens in enumerate(lenses):
+        normals = np.cross(rays[1 - side], baseline)
+        lengths = np.maximum(np.linalg.norm(normals, axis=-1), np.finfo(float).tiny)
+        sines = np.abs((rays[side] * normals).sum(axis=-1)) / lengths
+        focal = sum(colmap.focal_lengths(lens)) / 2.0
+        errors += np.arcsin(np.clip(sines, 0.0, 1.0)) * focal / 2.0
+    behind = _meet_behind(rays[0], rays[1], baseline)
+    return np.where(behind, lenses[0].width, errors)
+
+
+def _meet_behind(
+    first: Float[np.ndarray, "m 3"],
+    second: Float[np.ndarray, "m 3"],
+    baseline: Float[np.ndarray, " 3"],
+) -> Bool[np.ndarray, " m"]:
+    """Whether two unit rays come nearest to each other behind where one starts.
+
+    Rays that are as good as parallel meet far away, before or behind: not counted.
+    """
+    cosines = (first * second).sum(axis=-1)
+    along_first, along_second = first @ baseline, second @ baseline
+    ahead = np.minimum(
+        along_first - along_second * cosines, along_first * cosines - along_second
+    )
+    return (ahead < 0.0) & (1.0 - cosines**2 > np.sin(PARALLEL) ** 2)
+
+
+def _match_neighbours(files: SceneFiles, copies: list[Copy], work: Path) -> PixelPairs:
+    """Matches of neighbouring views in brightened copies; shows progress."""
+    way = attempts.WAYS[0]
+    attempts.make_copies(
+        way.recipe,
+        len(copies),
+        lambda view: image_io.read_srgb(files.image_paths[view]),
+        work,
+    )
+    database = work / "database.db"
+    matching.extract_features(database, work, copies, way.peak_threshold)
+    matching.match(database, neighbours(files.camtoworlds))
+    return matching.matched_pixels(database)
+
+
+def _exposures(files: SceneFiles, copies: list[Copy], pixels: PixelPairs) -> Exposures:
+    """Gains from matches: each is a point that two views see."""
+    starts = np.cumsum([0, *(len(ends) for ends in pixels.values())])
+    views = np.repeat([*pixels], np.diff(starts), axis=0).reshape(-1, 2)
+    ends = np.concatenate([np.empty((0, 2, 2)), *pixels.values()])
+    log_light = np.full((len(ends), 2, 3), np.nan)
+    for view, (path, copy) in enumerate(zip(files.image_paths, copies, strict=True)):
+        srgb = image_io.read_srgb(path)
+        scale = np.array(srgb.shape[1::-1]) / [copy.width, copy.height]
+        rows = views == view
+        log_light[rows] = exposures.sample_light(srgb, ends[rows] * scale)
+    points = np.repeat(np.arange(len(ends)), 2)
+    flat = log_light.reshape(-1, 3)
+    return exposures.estimate(
+        views.reshape(-1).astype(np.int64), points, flat, len(copies)
+    )
+
+
+def _copy(lens: Lens) -> Copy:
+    """The lens matters to nothing here: matches are checked against given poses."""
+    width, height = copy_size(lens.width, lens.height)
+    return Copy(width, height, f"{width}x{height}", 0.0)

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cameras and sparse points from matched features, by COLMAP's two mappers.
+
+One thread and one seed: the same matches give the same scene. Frames and pixel
+coordinates are COLMAP's inside this module; poses that leave it are OpenGL.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from jaxtyping import Float, Int
+from tqdm import tqdm
+
+from internal import colmap, progress
+from internal.prepare.matching import SEED, view_of
+
+FEWEST_IMAGES = 3
+# Photos taken by hand from one side turn less about the scene than COLMAP's 16.
+INITIAL_ANGLE = 4.0  # degrees
+
+
+@dataclasses.dataclass(frozen=True)
+class Observations:
+    """Where views see sparse points: one row per sighting."""
+
+    views: Int[np.ndarray, " k"]
+    points: Int[np.ndarray, " k"]  # from 0
+    pixels: Float[np.ndarray, "k 2"]  # of the view's copy
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+    """One reconstruction; ``native`` is pycolmap's and is never changed in place."""
+
+    native: pycolmap.Reconstruction
+    views: tuple[int, ...]  # registered, sorted
+
+    @property
+    def error(self) -> float:
+        """Mean reprojection error in pixels of the copies."""
+        return float(self.native.compute_mean_reprojection_error())
+
+    @property
+    def points(self) -> int:
+        """Number of sparse points."""
+        return int(self.native.num_points3D())
+
+
+def map_incrementally(database: Path, work: Path, views: int) -> list[Model]:
+    """Adds view after view, from the best pair on; shows progress.
+
+    Returns:
+        Models, the one with most views first; none if no pair could start.
+    """
+    options = pycolmap.IncrementalPipelineOptions(
+        num_threads=1,
+        random_seed=SEED,
+        min_model_size=FEWEST_IMAGES,
+        extract_colors=False,
+    )
+    options.mapper.init_min_tri_angle = INITIAL_ANGLE
+    with progress.bar(views, "placing cameras", "photo") as shown:
+        found = pycolmap.incremental_mapping(
+            database,
+            work,
+            _output(work),
+            options,
+            next_image_callback=lambda: _advance(shown),
+        )
+        models = _by_size(found)
+        placed = len(models[0].views) if models else 0
+        shown.update(placed - shown.n)  # the first two come without a call
+    return models
+
+
+def map_globally(database: Path, work: Path) -> list[Model]:
+    """Places all views at once (GLOMAP); the order of results is as above."""
+    options = pycolmap.GlobalPipelineOptions(
+        num_threads=1, random_seed=SEED, min_model_size=FEWEST_IMAGES
+    )
+    return _by_size(pycolmap.global_mapping(database, work, _output(work), options))
+
+
+def observations(model: Model) -> Observations:
+    """All sightings of the model's points."""
+    reconstruction = model.native
+    rows = [
+        (view_of(image.name), number, *image.points2D[element.point2D_idx].xy)
+        for number, point_id in enumerate(sorted(reconstruction.point3D_ids()))
+        for element in reconstruction.point3D(point_id).track.elements
+        for image in [reconstruction.image(element.image_id)]
+    ]
+    table = np.array(rows, np.float64).reshape(-1, 4)
+    return Observations(
+        table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:]
+    )
+
+
+def write_model(
+    model: Model,
+    folder: Path,
+    names: Sequence[str],
+    sizes: Sequence[tuple[int, int]],
+    similarity: Float[np.ndarray, "4 4"],
+) -> None:
+    """Writes the model in COLMAP's binary format, for the photos themselves.
+
+    Args:
+        names: final name of each view.
+        sizes: (width, height) of each view's photo; lenses and pixels are scaled
+            from its copy to it.
+        similarity: from the model's frame to the written one.
+    """
+    reconstruction = pycolmap.Reconstruction(model.native)
+    sizes_by_camera = {}
+    for image in reconstruction.images.values():
+        view = view_of(image.name)
+        camera = reconstruction.camera(image.camera_id)
+        sizes_by_camera[image.camera_id] = sizes[view]
+        scale = np.array(sizes[view]) / [camera.width, camera.height]
+        for point in image.points2D:
+            point.xy = point.xy * scale
+        image.name = names[view]
+    for camera_id, (width, height) in sizes_by_camera.items():
+        reconstruction.camera(camera_id).rescale(width, height)
+    reconstruction.transform(pycolmap.Sim3d(similarity[:3]))
+    folder.mkdir(parents=True, exist_ok=True)
+    reconstruction.write_binary(str(folder))
+
+
+def camera_poses(model: Model) -> Float[np.ndarray, "n 3 4"]:
+    """OpenGL camera-to-world poses of ``model.views``."""
+    images = sorted(
+        (model.native.image(i) for i in model.native.reg_image_ids()),
+        key=lambda image: image.name,
+    )
+    matrices = [image.cam_from_world().inverse().matrix() for image in images]
+    return np.stack(matrices) * np.append(colmap.OPENGL_FROM_OPENCV, 1.0)
+
+
+def point_positions(model: Model) -> Float[np.ndarray, "m 3"]:
+    """Positions of the sparse points, in the order of ``Observations.points``."""
+    ids = sorted(model.native.point3D_ids())
+    return np.array([model.native.point3D(i).xyz for i in ids]).reshape(-1, 3)
+
+
+def _output(work: Path) -> Path:
+    """pycolmap writes what it finds; only what it returns is used."""
+    folder = work / "models"
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+def _by_size(found: dict[int, pycolmap.Reconstruction]) -> list[Model]:
+    models = [
+        Model(r, tuple(sorted(view_of(r.image(i).name) for i in r.reg_image_ids())))
+        for r in found.values()
+    ]
+    return sorted(models, key=lambda m: (-len(m.views), m.error))
+
+
+def _advance(shown: tqdm) -> None:
+    """One more camera: an attempt that COLMAP gives up starts no second bar."""
+    if shown.n < shown.total:
+        shown.update()

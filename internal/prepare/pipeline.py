@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From photos to a scene: all steps in order, resumable.
+
+The scene's folder is claimed first and filled step by step; ``work`` in it keeps
+copies, features and matches until the scene is complete. ``transforms.json`` and
+``sparse`` appear last, so a folder that has them is whole.
+"""
+
+import dataclasses
+import hashlib
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from internal import colmap, image_io, progress, readers
+from internal.errors import UserError
+from internal.made_folder import begin_folder, finish_folder
+from internal.pairing import pair_by_name
+from internal.prepare import attempts, exposures, mapping, matching, scene_files
+from internal.prepare.attempts import Attempt
+from internal.prepare.brighten import copy_size
+from internal.prepare.exposures import Exposures
+from internal.prepare.matching import Copy
+from internal.prepare.orient import scene_frame
+from internal.prepare.photos import Photo, Rejected, find_photos, read_photo
+from internal.prepare.reasons import second_scene, why_unplaced
+from internal.prepare.report import FOLDER, Report, Tried, read_report, write_report
+from internal.prepare.summary import summarize, summarize_failure, train_command
+from internal.prepare.video_frames import extract_frames
+from internal.scene_loading import ASPECT_TOLERANCE
+
+CONTENT = 1  # counts changes of what is written; older scenes are refused
+WORK = "work"
+BYTES_PER_FEATURE = 200  # position and descriptor, in the database
+BYTES_PER_PIXEL = 1.0  # of a copy's PNG
+
+
+@dataclasses.dataclass(frozen=True)
+class Inputs:
+    """Where the pictures are."""
+
+    photos: Path  # folder or video
+    pose_images: Path | None  # bright twins that poses are estimated from
+    truth: Path | None  # normal-light twins, for scores
+
+
+def prepare(inputs: Inputs, scene: Path, *, overwrite: bool) -> Report:
+    """Prepares a scene, unless an earlier run did, and returns its report.
+
+    Raises:
+        UserError: the input is unusable, or ``scene`` cannot be written. What was
+            computed stays and is used by the next run.
+    """
+    _check_apart(inputs, scene)
+    if begin_folder(scene, _settings(inputs), overwrite=overwrite) is not None:
+        return read_report(scene / FOLDER)
+    try:
+        return _prepare(inputs, scene)
+    except OSError as error:
+        raise UserError(
+            f"{scene}: cannot write ({error.strerror}); free space and run the same "
+            "command again: it goes on from here"
+        ) from error
+
+
+def _prepare(inputs: Inputs, scene: Path) -> Report:
+    work = scene / WORK
+    folder = inputs.photos
+    if folder.is_file():
+        extract_frames(folder, work / "frames")
+        folder = work / "frames"
+    found = find_photos(folder)
+    photos = found.photos
+    truth = scene_files.pair_truth(photos, inputs.truth) if inputs.truth else None
+    sources = _pose_sources(photos, inputs.pose_images)
+    copies = [_copy(p, s) for p, s in zip(photos, sources, strict=True)]
+    _check_space(scene, photos, copies)
+    ways = attempts.WAYS
+    if inputs.pose_images:
+        ways = (attempts.PLAIN, *ways)
+    tried = attempts.try_ways(
+        ways, copies, lambda view: read_photo(sources[view]), work
+    )
+    best = tried[0]
+    failed = (*found.rejected, *_unplaced(photos, best))
+    problem = _problem(photos, best)
+    if problem:
+        report = summarize_failure(
+            inputs.photos.name, found, failed, tuple(map(_tried, tried)), problem
+        )
+        page = write_report(report, None, scene / FOLDER)
+        raise UserError(f"{inputs.photos}: {problem} ({page})")
+
+    model = best.models[0]
+    placed = [photos[view] for view in model.views]
+    for view in progress.track(model.views, len(placed), "copying", "photo"):
+        scene_files.place_photo(photos[view], scene)
+        if truth:
+            scene_files.place_truth(photos[view], truth[0][view], scene)
+    gains = _estimate_exposures(photos, copies, best)
+    names = [photo.scene_name for photo in placed]
+    exposures.write(gains, names, scene / exposures.FILE)
+    _write_cameras(scene, photos, best)
+    scene_files.write_readme(
+        scene,
+        inputs.photos.name,
+        len(photos),
+        len(placed),
+        has_truth=truth is not None,
+    )
+    report, pictured = summarize(
+        readers.read_files(scene, "auto", ""),
+        source=inputs.photos.name,
+        photos=[photo.statistics for photo in photos],
+        total=len(found.photos) + len(found.rejected),
+        failed=failed,
+        tried=tuple(map(_tried, tried)),
+        error=best.error,
+        error_kind="mean reprojection error",
+        exposures=gains,
+        truth=f"{inputs.truth}, paired by {truth[1]}" if truth else "none",
+        next_command=train_command(scene, photos[0].width),
+    )
+    write_report(report, pictured, scene / FOLDER)
+    finish_folder(scene, {"registered": float(report.registered)})
+    shutil.rmtree(work)
+    return report
+
+
+def _settings(inputs: Inputs) -> dict[str, str | int]:
+    """What a scene depends on; the photos by name, size and time of change."""
+    paths = {
+        "photos": inputs.photos,
+        "pose_images": inputs.pose_images,
+        "truth": inputs.truth,
+    }
+    settings: dict[str, str | int] = {"content": CONTENT}
+    for name, path in paths.items():
+        settings[name] = str(path.resolve()) if path else ""
+        settings[f"files of {name}"] = _fingerprint(path) if path else ""
+    return settings
+
+
+def _fingerprint(path: Path) -> str:
+    """Changes when a file comes, goes or changes."""
+    files = sorted(p for p in path.rglob("*") if p.is_file()) or [path]
+    digest = hashlib.sha256()
+    for file in files:
+        if file.is_file():
+            stat = file.stat()
+            digest.update(f"{file}\0{stat.st_size}\0{stat.st_mtime_ns}\n".encode())
+    return digest.hexdigest()[:12]
+
+
+def _check_apart(inputs: Inputs, scene: Path) -> None:
+    """Refuses a scene inside a folder of input: those are never written to."""
+    for folder in (inputs.photos, inputs.pose_images, inputs.truth):
+        if folder and scene.resolve().is_relative_to(folder.resolve()):
+            raise UserError(f"{scene}: lies in {folder}; choose another folder")
+    if not inputs.photos.exists():
+        raise UserError(f"{inputs.photos}: no such folder or video; check the path")
+
+
+def _pose_sources(photos: Sequence[Photo], twins: Path | None) -> list[Path]:
+    """The picture that each photo's pose is estimated from."""
+    if twins is None:
+        return [photo.path for photo in photos]
+    paths, rule = pair_by_name([photo.name for photo in photos], twins)
+    print(f"pose images: {twins}, paired by {rule}", flush=True)
+    return list(paths)
+
+
+def _copy(photo: Photo, source: Path) -> Copy:
+    """The copy of a photo, or of its bright twin, which may have another size."""
+    width, height = photo.width, photo.height
+    if source != photo.path:
+        width, height = image_io.read_size(source)
+        if abs(width * photo.height / (height * photo.width) - 1.0) > ASPECT_TOLERANCE:
+            raise UserError(
+                f"{source}: {width}x{height} pixels, but its dark twin {photo.path} "
+                f"has {photo.width}x{photo.height}, another shape; expected one view"
+            )
+    small = copy_size(width, height)
+    return Copy(*small, photo.camera, photo.focal * small[0] / photo.width)
+
+
+def _check_space(scene: Path, photos: Sequence[Photo], copies: Sequence[Copy]) -> None:
+    """Stops before hours of work that would end with a full disk."""
+    features = matching.MAX_FEATURES * BYTES_PER_FEATURE
+    needed = sum(photo.path.stat().st_size for photo in photos) + sum(
+        int(copy.width * copy.height * BYTES_PER_PIXEL) + features for copy in copies
+    )
+    free = shutil.disk_usage(scene).free
+    if free < needed:
+        raise UserError(
+            f"{scene}: {free / 1e9:.1f} GB free on its disk, about {needed / 1e9:.1f} "
+            "GB needed; free space or choose a folder on another disk"
+        )
+
+
+def _unplaced(photos: Sequence[Photo], best: Attempt) -> tuple[Rejected, ...]:
+    """The photos without a pose, and why."""
+    placed = best.models[0].views if best.models else ()
+    matches = matching.match_counts(best.database)
+    features = matching.feature_counts(best.database)
+    return tuple(
+        Rejected(photo.name, why_unplaced(view, matches, features))
+        for view, photo in enumerate(photos)
+        if view not in placed
+    )
+
+
+def _problem(photos: Sequence[Photo], best: Attempt) -> str:
+    """Why there is no scene, with what to do; "" if there is one."""
+    matches = matching.match_counts(best.database)
+    if best.registered < mapping.FEWEST_IMAGES:
+        cause = "show the same things" if matches else "overlap at all"
+        return (
+            f"{best.registered} of {len(photos)} photos could be placed: too few "
+            f"{cause}; take them with two thirds of overlap, in more light, or give "
+            "bright twins with --pose-images"
+        )
+    placed = best.models[0].views
+    group = second_scene(matches, len(photos), placed, mapping.FEWEST_IMAGES)
+    if group:
+        other, first = photos[group[0]].name, photos[placed[0]].name
+        return (
+            f"two scenes: {len(placed)} photos with {first} and {len(group)} with "
+            f"{other} show nothing in common; prepare them from two folders"
+        )
+    return ""
+
+
+def _estimate_exposures(
+    photos: Sequence[Photo], copies: Sequence[Copy], best: Attempt
+) -> Exposures:
+    """Gains of the placed views, in their order; shows progress."""
+    model = best.models[0]
+    seen = mapping.observations(model)
+    log_light = np.full((len(seen.views), 3), np.nan)
+    places = progress.track(model.views, len(model.views), "comparing light", "photo")
+    for view in places:
+        rows = seen.views == view
+        photo, copy = photos[view], copies[view]
+        scale = np.array([photo.width / copy.width, photo.height / copy.height])
+        srgb = read_photo(photo.path)
+        log_light[rows] = exposures.sample_light(srgb, seen.pixels[rows] * scale)
+    place = {view: index for index, view in enumerate(model.views)}
+    views = np.array([place[view] for view in seen.views.tolist()], np.int64)
+    return exposures.estimate(views, seen.points, log_light, len(model.views))
+
+
+def _write_cameras(scene: Path, photos: Sequence[Photo], best: Attempt) -> None:
+    """Writes ``sparse`` and ``transforms.json`` in the scene's own frame."""
+    model = best.models[0]
+    similarity = scene_frame(
+        mapping.camera_poses(model), mapping.point_positions(model)
+    )
+    partial = scene / WORK / scene_files.MODEL
+    names = [photo.scene_name for photo in photos]
+    sizes = [(photo.width, photo.height) for photo in photos]
+    mapping.write_model(model, partial, names, sizes, similarity)
+    shutil.rmtree(scene / "sparse", ignore_errors=True)
+    partial.parent.rename(scene / "sparse")
+    scene_files.write_transforms(colmap.read_model(scene / scene_files.MODEL), scene)
+
+
+def _tried(attempt: Attempt) -> Tried:
+    error = attempt.error if attempt.models else 0.0
+    points = attempt.models[0].points if attempt.models else 0
+    return Tried(attempt.way.name, attempt.registered, error, points)

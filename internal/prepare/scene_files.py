@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The files of a prepared scene, in the formats that other programs read as well."""
+
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from jaxtyping import Float
+
+from internal import atomic, image_io
+from internal.cameras import Lens
+from internal.colmap import Reconstruction
+from internal.errors import UserError
+from internal.pairing import pair_by_name
+from internal.prepare.photos import DEVELOPED_EXTENSIONS, Photo, read_photo
+from internal.scene_loading import ASPECT_TOLERANCE
+
+PICTURES = "images"
+TRUTH = "high"
+MODEL = "sparse/0"
+TRANSFORMS = "transforms.json"
+HOLDOUT = 8  # every eighth view, from the first, is a test view
+
+README = """A scene prepared from {photos} photos of {source}; {registered} have poses.
+
+images/          the photos themselves, not brightened (RAW and EXR: developed to PNG)
+{truth}transforms.json  OpenGL camera-to-world poses, lenses in pixels of the upright
+                 photos, and the split into train_filenames and test_filenames
+sparse/0/        the same cameras and the sparse points as a COLMAP model
+exposures.json   how much more light one photo took than another
+report/          index.html shows how it went; report.json has the numbers
+
+Units are arbitrary: structure-from-motion knows no metres. z is up.
+"""
+
+
+def place_photo(photo: Photo, scene: Path) -> None:
+    """Copies a photo into the scene byte by byte, or develops it.
+
+    Raises:
+        UserError: the folder cannot be written or the disk is full.
+    """
+    target = scene / PICTURES / photo.scene_name
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if photo.path.suffix.lower() in DEVELOPED_EXTENSIONS:
+        image_io.write(target, read_photo(photo.path))
+        return
+    with atomic.writing(target) as partial:
+        shutil.copyfile(photo.path, partial)
+
+
+def pair_truth(photos: Sequence[Photo], folder: Path) -> tuple[tuple[Path, ...], str]:
+    """The normal-light twin of each photo, and the rule that paired them.
+
+    Raises:
+        UserError: they cannot be paired, or a twin has another shape.
+    """
+    paths, rule = pair_by_name([photo.name for photo in photos], folder)
+    for photo, path in zip(photos, paths, strict=True):
+        width, height = image_io.read_size(path)
+        if abs(width * photo.height / (height * photo.width) - 1.0) > ASPECT_TOLERANCE:
+            raise UserError(
+                f"{path}: {width}x{height} pixels, but its dark twin {photo.path} has "
+                f"{photo.width}x{photo.height}, another shape; expected the same view"
+            )
+    return paths, rule
+
+
+def place_truth(photo: Photo, truth: Path, scene: Path) -> None:
+    """Copies a normal-light picture under the name of its dark photo."""
+    name = PurePosixPath(photo.scene_name).with_suffix(truth.suffix)
+    target = scene / TRUTH / name
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with atomic.writing(target) as partial:
+        shutil.copyfile(truth, partial)
+
+
+def write_transforms(model: Reconstruction, scene: Path) -> None:
+    """Writes ``transforms.json`` (nerfstudio's custom) for a model's images.
+
+    Raises:
+        UserError: the folder cannot be written or the disk is full.
+    """
+    files = [f"{PICTURES}/{name}" for name in model.names]
+    frames = [
+        {"file_path": file, **lens_entry(lens), "transform_matrix": _square(pose)}
+        for file, lens, pose in zip(files, model.lenses, model.camtoworlds, strict=True)
+    ]
+    content = {
+        "camera_model": "OPENCV",
+        "train_filenames": [f for i, f in enumerate(files) if i % HOLDOUT],
+        "test_filenames": files[::HOLDOUT],
+        "frames": frames,
+    }
+    with atomic.writing(scene / TRANSFORMS) as partial:
+        partial.write_text(json.dumps(content, indent=2) + "\n")
+
+
+def write_readme(
+    scene: Path, source: str, photos: int, registered: int, *, has_truth: bool
+) -> None:
+    """Explains the folder."""
+    truth = "high/            normal-light truth, paired by name, for scores only\n"
+    text = README.format(
+        source=source,
+        photos=photos,
+        registered=registered,
+        truth=truth if has_truth else "",
+    )
+    with atomic.writing(scene / "README.txt") as partial:
+        partial.write_text(text)
+
+
+def lens_entry(lens: Lens) -> dict[str, float | int]:
+    """A lens of one focal length and one radial term in the terms of OpenCV."""
+    focal, cx, cy, k1 = lens.params
+    return {
+        **{"w": lens.width, "h": lens.height, "fl_x": focal, "fl_y": focal},
+        **{"cx": cx, "cy": cy, "k1": k1, "k2": 0.0, "p1": 0.0, "p2": 0.0},
+    }
+
+
+def _square(pose: Float[np.ndarray, "3 4"]) -> list[list[float]]:
+    return [*pose.tolist(), [0.0, 0.0, 0.0, 1.0]]

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Gathers the numbers of a report from a scene that has poses."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from internal import poses
+from internal.errors import UserError
+from internal.extent import Bounds, find_bounds
+from internal.prepare import statistics
+from internal.prepare.checks import Geometry, judge
+from internal.prepare.exposures import Exposures
+from internal.prepare.photos import Found, Rejected
+from internal.prepare.report import Pictured, Report, Tried
+from internal.prepare.scene_files import HOLDOUT
+from internal.prepare.statistics import PhotoStatistics
+from internal.readers.base import SceneFiles
+from internal.scene_loading import fit_lenses, held_out
+
+TRAIN = "python train.py --gin_configs=configs/llnerf_small.gin"
+TRAINED_WIDTH = 500  # pixels: the small configuration is made for about this
+
+
+def summarize(
+    files: SceneFiles,
+    *,
+    source: str,
+    photos: Sequence[PhotoStatistics],
+    total: int,
+    failed: tuple[Rejected, ...],
+    tried: tuple[Tried, ...],
+    error: float,
+    error_kind: str,
+    exposures: Exposures,
+    truth: str,
+    next_command: str,
+) -> tuple[Report, Pictured]:
+    """The report of a scene, and what its plots show.
+
+    Args:
+        files: the scene as the trainer will read it.
+        photos: statistics of the usable ones.
+        total: number of files that should have been photos.
+        error: in pixels of the copies; ``error_kind`` says between what.
+    """
+    bounds = _bounds(files)
+    geometry = Geometry(
+        registered=len(files.names),
+        error=error,
+        points=len(files.points),
+        angle=sweep_angle(files.camtoworlds),
+        has_depth_range=bounds is not None,
+    )
+    largest = float(np.abs(exposures.measured_stops).max())
+    stops = 0.0 if exposures.equal else largest
+    verdict = judge(geometry, photos, failed, stops)
+    report = Report(
+        source=source,
+        fit=verdict.fit,
+        photos=total,
+        registered=geometry.registered,
+        failed=failed,
+        tried=tried,
+        error=geometry.error,
+        error_kind=error_kind,
+        points=geometry.points,
+        angle=geometry.angle,
+        near=bounds.near if bounds else 0.0,
+        far=bounds.far if bounds else 0.0,
+        **_light(photos),
+        exposure_stops=largest,
+        truth=truth,
+        warnings=verdict.warnings,
+        next_command=next_command,
+    )
+    return report, _pictured(files, photos, exposures)
+
+
+def summarize_failure(
+    source: str,
+    found: Found,
+    failed: tuple[Rejected, ...],
+    tried: tuple[Tried, ...],
+    problem: str,
+) -> Report:
+    """The report where no scene came about."""
+    return Report(
+        source=source,
+        fit=False,
+        photos=len(found.photos) + len(found.rejected),
+        registered=tried[0].registered,
+        failed=failed,
+        tried=tried,
+        error=tried[0].reprojection_error,
+        error_kind="mean reprojection error",
+        points=tried[0].points,
+        **{"angle": 0.0, "near": 0.0, "far": 0.0},
+        **_light([photo.statistics for photo in found.photos]),
+        exposure_stops=0.0,
+        truth="not looked at",
+        warnings=(problem,),
+        next_command="take more photos and prepare again",
+    )
+
+
+def train_command(scene: Path, width: int) -> str:
+    """The command that trains a scene of photos of that width in pixels."""
+    factor = max(1, round(width / TRAINED_WIDTH))
+    bindings = [
+        f"Config.data_dir = '{scene}'",
+        f"Config.checkpoint_dir = 'outputs/{scene.resolve().name}'",
+        *([f"Config.factor = {factor}"] if factor > 1 else []),
+    ]
+    flags = [f'--gin_bindings="{binding}"' for binding in bindings]
+    return " ".join([TRAIN, *flags])
+
+
+def sweep_angle(camtoworlds: Float[np.ndarray, "n 3 4"]) -> float:
+    """Degrees between the outermost cameras, seen from the point they look at."""
+    arms = camtoworlds[:, :, 3] - poses.focus_point(camtoworlds)
+    lengths = np.linalg.norm(arms, axis=-1, keepdims=True)
+    units = arms / np.maximum(lengths, np.finfo(float).tiny)
+    return float(np.degrees(np.arccos(np.clip(units @ units.T, -1.0, 1.0))).max())
+
+
+def _bounds(files: SceneFiles) -> Bounds | None:
+    """Near and far as the trainer will find them, or None where it will not."""
+    is_test = held_out(files, HOLDOUT)
+    try:
+        return find_bounds(files, fit_lenses(files, 1), ~is_test, 0.0, 0.0)
+    except UserError:
+        return None
+
+
+def _light(photos: Sequence[PhotoStatistics]) -> dict[str, float]:
+    return {
+        "mean_level": float(np.mean([photo.mean for photo in photos])),
+        "noise": float(np.median([photo.noise for photo in photos])),
+        "used_levels": float(np.median([photo.used_levels for photo in photos])),
+        "black_fraction": float(np.mean([photo.black_fraction for photo in photos])),
+    }
+
+
+def _pictured(
+    files: SceneFiles, photos: Sequence[PhotoStatistics], exposures: Exposures
+) -> Pictured:
+    return Pictured(
+        camtoworlds=files.camtoworlds,
+        points=files.points,
+        histogram=statistics.total_histogram(photos),
+        stops=exposures.measured_stops,
+    )

@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of the steps from photos to a scene, each by itself."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scene_writers import facing_world, flat_picture, random_rotation, surrounding_world
+
+from internal import colmap, image, image_io, made_folder, raw, video
+from internal.errors import UserError
+from internal.pose_comparison import compare
+from internal.poses import transform_poses
+from internal.prepare import brighten, checks, exposures, matching, reasons, statistics
+from internal.prepare.checking import epipolar_error, neighbours
+from internal.prepare.orient import DISTANCE, scene_frame
+from internal.prepare.photos import find_photos
+from internal.prepare.video_frames import extract_frames
+
+RECIPE = brighten.Recipe(brighten=True, blur=1.0)
+
+
+def random_light(seed=0, size=(40, 60, 3)):
+    return np.random.default_rng(seed).uniform(0.01, 0.05, size)
+
+
+def srgb(linear):
+    return np.asarray(image.linear_to_srgb(linear), np.float32)
+
+
+def test_a_copy_does_not_depend_on_how_dark_the_photo_is():
+    light = random_light()
+    copies = [brighten.make_copy(srgb(light * e), RECIPE) for e in (1.0, 0.1, 0.01)]
+    np.testing.assert_allclose(copies[0], copies[1], atol=1e-4)
+    np.testing.assert_allclose(copies[0], copies[2], atol=1e-3)
+    assert 0.5 < copies[0].mean() < 1.0
+
+
+def test_a_plain_copy_keeps_grey_as_it_is():
+    grey = flat_picture(40.0)
+    copy = brighten.make_copy(grey, brighten.AS_IT_IS)
+    np.testing.assert_allclose(copy, grey[..., :1], atol=1e-6)
+
+
+def test_large_photos_shrink_in_proportion():
+    assert brighten.copy_size(4000, 3000) == (1600, 1200)
+    assert brighten.copy_size(500, 375) == (500, 375)
+    copy = brighten.make_copy(flat_picture(9.0, 3200, 16), brighten.AS_IT_IS)
+    assert copy.shape == (8, 1600, 1)
+
+
+@pytest.mark.parametrize("deviation", [0.004, 0.02])
+def test_noise_is_measured_and_edges_are_not(deviation):
+    noise = np.random.default_rng(0).normal(0.0, deviation, (200, 200))
+    edges = np.where(np.arange(200) // 20 % 2, 0.2, 0.6)
+    assert statistics.noise_level(noise + 0.5) == pytest.approx(deviation, rel=0.05)
+    assert statistics.noise_level(noise + edges) == pytest.approx(deviation, rel=0.25)
+
+
+def test_statistics_of_a_flat_photo():
+    found = statistics.measure(flat_picture(17.0))
+    assert (found.mean, found.noise, found.used_levels) == (17.0, 0.0, 1.0)
+    assert found.histogram[17] == 24 * 18 * 3
+    assert statistics.measure(flat_picture(2.0)).is_black
+
+
+def test_a_blurred_picture_is_less_sharp():
+    rng = np.random.default_rng(0)
+    sharp = rng.uniform(0.0, 0.1, (16, 16)).repeat(4, axis=0).repeat(4, axis=1)
+    soft = (sharp + np.roll(sharp, 3, axis=1) + np.roll(sharp, 6, axis=1)) / 3.0
+    assert statistics.sharpness(soft) < statistics.sharpness(sharp)
+    assert statistics.sharpness(0.3 * sharp) == pytest.approx(
+        statistics.sharpness(sharp), rel=1e-3
+    )
+
+
+@pytest.mark.parametrize("world", [facing_world(), surrounding_world()])
+def test_the_scene_frame_is_level_centred_and_blind_to_the_old_frame(world):
+    poses = transform_poses(
+        scene_frame(world.camtoworlds, world.points), world.camtoworlds
+    )
+    up = poses[:, :, 1].sum(axis=0)
+    np.testing.assert_allclose(up / np.linalg.norm(up), [0.0, 0.0, 1.0], atol=1e-6)
+    distances = np.linalg.norm(poses[:, :, 3], axis=-1)
+    assert np.median(distances) == pytest.approx(DISTANCE)
+    moved = world.moved(3.0, random_rotation(), np.array([5.0, -2.0, 1.0]))
+    again = transform_poses(
+        scene_frame(moved.camtoworlds, moved.points), moved.camtoworlds
+    )
+    np.testing.assert_allclose(
+        distances, np.linalg.norm(again[:, :, 3], axis=-1), rtol=0.02
+    )
+
+
+def sightings(gains, points=60, noise=0.02, seed=0):
+    """Log light of points that about half of the views see."""
+    rng = np.random.default_rng(seed)
+    light = rng.uniform(-5.0, -2.0, (points, 3))
+    views, seen = np.nonzero(rng.random((len(gains), points)) < 0.6)
+    log_light = (
+        light[seen] + np.log(gains)[views] + rng.normal(0, noise, (len(seen), 3))
+    )
+    return views, seen, log_light
+
+
+def test_random_exposures_are_recovered_despite_wrong_matches():
+    rng = np.random.default_rng(1)
+    gains = 2.0 ** rng.uniform(-1.0, 1.0, (8, 3))
+    views, points, log_light = sightings(gains)
+    log_light[rng.random(len(views)) < 0.1] += 1.5
+    log_light[3] = np.nan
+    found = exposures.estimate(views, points, log_light, 8)
+    expected = gains / np.exp(np.log(gains).mean(axis=0))
+    np.testing.assert_allclose(found.gains, expected, rtol=0.04)
+    assert not found.equal
+
+
+def test_equal_exposures_change_nothing():
+    found = exposures.estimate(*sightings(np.ones((6, 3)), noise=0.1), 6)
+    assert found.equal
+    np.testing.assert_array_equal(found.gains, np.ones((6, 3)))
+    assert 0.0 < np.abs(found.measured_stops).max() < exposures.EQUAL_STOPS
+
+
+def test_a_view_without_sightings_keeps_gain_one():
+    gains = np.array([[1.0] * 3, [2.0] * 3, [0.5] * 3])
+    found = exposures.estimate(*sightings(gains), 4)
+    np.testing.assert_array_equal(found.gains[3], np.ones(3))
+
+
+def test_light_is_sampled_where_pixels_say_and_not_where_it_is_clipped():
+    picture = flat_picture(0.0)
+    picture[:, 12:] = 100.0 / 255.0
+    light = exposures.sample_light(picture, np.array([[4.5, 4.5], [18.5, 4.5]]))
+    assert np.isnan(light[0]).all()
+    expected = np.log(float(image.srgb_to_linear(100.0 / 255.0)))
+    np.testing.assert_allclose(light[1], expected, rtol=1e-5)
+
+
+def test_pairs_are_all_or_neighbours_and_ever_farther_ones():
+    assert len(matching.choose_pairs(10, exhaustive=True)) == 45
+    pairs = matching.choose_pairs(200, exhaustive=False)
+    assert len(set(pairs)) == len(pairs)
+    assert {j - i for i, j in pairs} == {*range(1, 13), 16, 32, 64, 128}
+
+
+def test_groups_are_linked_by_strong_matches_alone():
+    matches = {(0, 1): 90, (1, 2): 40, (2, 3): 16, (3, 4): 70, (4, 5): 50}
+    assert reasons.linked_groups(matches, 7) == [[0, 1, 2], [3, 4, 5], [6]]
+    assert reasons.second_scene(matches, 7, (0, 1, 2), 3) == [3, 4, 5]
+    assert reasons.second_scene(matches, 7, (0, 1, 2, 3), 3) == []
+
+
+def test_each_unplaced_photo_gets_its_reason():
+    features = np.array([500, 10, 500, 500])
+    matches = {(0, 2): 30}
+    given = [reasons.why_unplaced(v, matches, features) for v in range(4)]
+    assert "matches 1 photos" in given[0]
+    assert "only 10 features" in given[1]
+    assert "shares nothing" in given[3]
+
+
+GOOD = checks.Geometry(20, 0.8, 1000, 30.0, has_depth_range=True)
+DARK = statistics.measure(srgb(random_light()))
+
+
+def test_a_good_scene_is_fit_without_warnings():
+    verdict = checks.judge(GOOD, [DARK] * 20, (), 0.0)
+    assert (verdict.fit, verdict.warnings) == (True, ())
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"registered": 9}, "have a pose"),
+        ({"error": 9.0}, "poses are wrong"),
+        ({"error": float("nan")}, "poses are wrong"),
+        ({"points": 3}, "texture"),
+        ({"has_depth_range": False}, "Config.near"),
+    ],
+)
+def test_each_fault_makes_a_scene_unfit(change, word):
+    verdict = checks.judge(dataclasses.replace(GOOD, **change), [DARK] * 20, (), 0.0)
+    assert not verdict.fit
+    assert word in verdict.warnings[0]
+
+
+def test_a_similarity_is_no_difference_and_a_turn_is():
+    world = surrounding_world()
+    moved = world.moved(0.3, random_rotation(), np.ones(3))
+    same = compare(moved.camtoworlds, world.camtoworlds)
+    assert max(same.rotations.max(), same.centres.max()) < 1e-6
+    turned = world.camtoworlds.copy()
+    turned[0, :, :3] = turned[0, :, :3] @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
+    assert compare(turned, world.camtoworlds).rotations[0] > 60.0
+
+
+def test_neighbours_on_a_circle_are_beside_each_other():
+    pairs = neighbours(surrounding_world(views=12).camtoworlds)
+    steps = {min((j - i) % 12, (i - j) % 12) for i, j in pairs}
+    assert {1} < steps <= {1, 2}
+
+
+def test_matches_lie_where_right_poses_put_them_and_not_where_others_do():
+    world = facing_world()
+    local = [(world.points - c[:, 3]) @ c[:, :3] for c in world.camtoworlds]
+    seen = np.stack([colmap.project(world.lens, points) for points in local], axis=1)
+    inside = ((seen > 0) & (seen < [world.lens.width, world.lens.height])).all((1, 2))
+    pixels = {(i, i + 1): seen[inside, i : i + 2] for i in range(5)}
+    lenses = [world.lens] * 6
+    assert epipolar_error(world.camtoworlds, lenses, pixels) < 1e-6
+    assert epipolar_error(world.camtoworlds[::-1], lenses, pixels) > 0.1
+    turned = world.camtoworlds * np.array([-1.0, 1.0, -1.0, 1.0])  # looking backwards
+    assert epipolar_error(turned, lenses, pixels) > 0.5
+    assert epipolar_error(world.camtoworlds, lenses, {}) == world.lens.width
+
+
+def test_the_sharpest_frame_of_each_interval_is_kept(tmp_path):
+    rng = np.random.default_rng(0)
+    noise = rng.uniform(0.0, 255.0, (9, 12, 3)).repeat(8, axis=0).repeat(8, axis=1)
+    soft = np.full_like(noise, 127.0)
+    frames = [soft, soft, noise, soft, soft] * 2  # ten frames a second
+    path = tmp_path / "film.mp4"
+    video.write_video((frame.astype(np.uint8) for frame in frames), path, 10)
+    extract_frames(path, tmp_path / "frames")
+    kept = sorted((tmp_path / "frames").iterdir())
+    assert [p.name for p in kept] == ["00000.png", "00001.png"]
+    assert all(image_io.read_srgb(p).std() > 0.1 for p in kept)
+
+
+def test_raw_beside_its_jpeg_is_one_shot(tmp_path):
+    for i in range(3):
+        image_io.write(tmp_path / f"{i}.jpg", flat_picture(20.0 + i))
+    (tmp_path / "1.dng").write_bytes(b"raw")
+    found = find_photos(tmp_path)
+    assert [photo.name for photo in found.photos] == ["0.jpg", "1.jpg", "2.jpg"]
+    assert found.rejected[0].reason.startswith("the same shot as 1.jpg")
+
+
+def test_a_broken_raw_photo_is_named(tmp_path):
+    (tmp_path / "1.dng").write_bytes(b"raw")
+    with pytest.raises(UserError, match=r"1\.dng: (not a readable RAW|RAW photo; run)"):
+        raw.develop(tmp_path / "1.dng")
+
+
+def test_linear_photos_become_8_bit_png(tmp_path):
+    for i in range(3):
+        image_io.write(tmp_path / f"{i}.exr", np.full((8, 8, 3), 0.01 * (i + 1)))
+    photo = find_photos(tmp_path).photos[0]
+    assert photo.scene_name == "0.png"
+    assert photo.statistics.mean == 25.0  # sRGB of 0.01 is 0.0999
+
+
+def test_a_folder_begun_is_gone_on_with_until_it_is_finished(tmp_path):
+    folder = tmp_path / "made"
+    assert made_folder.begin_folder(folder, {"a": 1}, overwrite=False) is None
+    (folder / "part").touch()
+    assert made_folder.begin_folder(folder, {"a": 1}, overwrite=False) is None
+    assert (folder / "part").exists()
+    with pytest.raises(UserError, match="a was 1, now 2"):
+        made_folder.begin_folder(folder, {"a": 2}, overwrite=False)
+    made_folder.finish_folder(folder, {"n": 3.0})
+    assert made_folder.begin_folder(folder, {"a": 1}, overwrite=False) == {"n": 3.0}
+    assert made_folder.begin_folder(folder, {"a": 1}, overwrite=True) is None
+    assert not (folder / "part").exists()
