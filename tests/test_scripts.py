@@ -55,7 +55,9 @@ def run(scene, tmp_path_factory):
 
 
 def test_training_explains_its_folder(run):
-    assert json.loads((run / "config.json").read_text())["model"]["width"] == 16
+    assert (
+        json.loads((run / "config.json").read_text())["model"]["field"]["width"] == 16
+    )
     assert (run / "command.txt").is_file()
     lines = [json.loads(x) for x in (run / "metrics.jsonl").read_text().splitlines()]
     assert [line["step"] for line in lines] == [2, 4, 6]
