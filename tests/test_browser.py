@@ -225,6 +225,12 @@ def test_another_page_has_its_own_camera_and_light(viewer, browser):
     until(lambda: frames[-1].picture.shape == mine.shape, "the first page at work")
 
 
+def test_newer_checkpoints_are_shown_as_training_goes_on(viewer):
+    arguments = flags(viewer.run.scene, viewer.run.folder, "Train.max_steps = 9")
+    assert train_script.main(arguments) == 0
+    until(lambda: viewer.frames[-1].step == 9, "the newer checkpoint")
+
+
 def test_a_report_slides_and_chooses(run, browser):
     assert eval_script.main(flags(run.scene, run.folder)) == 0
     page = browser.new_page()
