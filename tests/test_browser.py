@@ -71,9 +71,9 @@ def viewer(run, browser):
     server = Server(config, studio, "127.0.0.1", 8947)
     page = browser.new_page(viewport={"width": 960, "height": 512})
     page.goto(server.address)
-    until(lambda: frames and frames[-1].finished, "a first full picture")
+    until(lambda: frames, "a first picture")
     choose(page, "500 x 375", SIZE)
-    settle(frames, frames[-1].number)
+    until(lambda: frames[-1].finished, "a full picture")
     yield types.SimpleNamespace(page=page, frames=frames, server=server, run=run)
     server.close()
     patch.undo()
@@ -223,6 +223,12 @@ def test_another_page_has_its_own_camera_and_light(viewer, browser):
     viewer.page.get_by_role("tab", name="Light").click()
     choose(viewer.page, "r", "dark")
     until(lambda: frames[-1].picture.shape == mine.shape, "the first page at work")
+
+
+def test_newer_checkpoints_are_shown_as_training_goes_on(viewer):
+    arguments = flags(viewer.run.scene, viewer.run.folder, "Train.max_steps = 9")
+    assert train_script.main(arguments) == 0
+    until(lambda: viewer.frames[-1].step == 9, "the newer checkpoint")
 
 
 def test_a_report_slides_and_chooses(run, browser):

@@ -6,6 +6,7 @@ colours are is known exactly.
 """
 
 import dataclasses
+import json
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +15,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import train as train_script
 from internal import colmap
 from internal.cameras import Lens
 from internal.coord import ForwardFacing, Unbounded
@@ -26,6 +28,7 @@ from internal.models import Rendering
 from internal.poses import transform_points
 from internal.scene import load_scene
 from tests.scene_writers import facing_world, surrounding_world, write_blender
+from tests.test_scripts import flags
 
 NDC = ForwardFacing(np.array([2.0, 2.5], np.float32))
 BALL_OF_TWO = Unbounded(np.float32(0.1), np.float32(100.0))
@@ -214,6 +217,14 @@ def test_the_dataset_is_read_back_as_the_same_cameras_and_lit_pictures(exported)
             np.testing.assert_allclose(image / 257.0, sighting.srgb, atol=0.01)
     model = colmap.read_model(folder / "dataset" / "sparse" / "0")
     assert len(model.points) == len(trimesh.load(folder / "points.ply").vertices)
+
+
+def test_the_dataset_trains(exported, tmp_path):
+    folder, *_ = exported
+    arguments = flags(folder / "dataset", tmp_path / "run", "Train.max_steps = 1")
+    assert train_script.main(arguments) == 0
+    trained = json.loads((tmp_path / "run" / "metrics.jsonl").read_text())
+    assert trained["step"] == 1
 
 
 def in_world(scene):

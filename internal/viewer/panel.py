@@ -69,6 +69,7 @@ class Panel:
         with tabs.add_tab("Path"):
             self._add_path()
         client.camera.on_update(self._guarded(self._camera_moved))
+        session.stand(camera_of(client.camera))
 
     def show(self, frame: Frame) -> None:
         """Puts a frame on the screen."""

@@ -31,7 +31,7 @@ from internal.viewer.free_camera import (
 from internal.viewer.jobs import Job
 from internal.viewer.studio import Studio, Trained
 
-SECONDS_TO_FIRST_PICTURE = 0.2
+SECONDS_TO_FIRST_PICTURE = 0.23
 FRAMES_TIMED = 8
 
 

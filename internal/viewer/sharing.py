@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One computer, several users: each with work gets a chunk of it done in turn."""
 
+import contextlib
 import threading
 
 from internal.viewer.jobs import Runnable
@@ -52,7 +53,8 @@ class Turns:
         try:
             chosen.step()
         except Exception as error:  # a client's trouble must not end the server
-            chosen.failed(error)
+            with contextlib.suppress(Exception):  # nor its having gone meanwhile
+                chosen.failed(error)
         return True
 
     def run_forever(self) -> None:
