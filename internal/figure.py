@@ -11,9 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from internal.contact_sheet import BACKGROUND, contact_sheet
+from internal.contact_sheet import BACKGROUND, LEGIBLE_WIDTH, contact_sheet
 
 CROP_PART = 4  # a crop that is found is this part of the picture, either way
+FRAME = 2  # pixels of the figure
 FRAME_COLORS = ((1.0, 0.85, 0.0), (0.0, 0.85, 1.0), (1.0, 0.35, 0.75), (0.4, 1.0, 0.4))
 
 Picture = Float[np.ndarray, "_height _width 3"]
@@ -70,60 +71,63 @@ def figure(
 ) -> Float[np.ndarray, "height width 3"]:
     """Pictures of one size under their labels, ``columns`` in a row.
 
-    Below each picture are its crops, enlarged by one whole factor. Frames of the same
-    colour show on the first picture where they come from.
+    Small pictures are enlarged by a whole factor, as a contact sheet does. Below each
+    are its crops, each enlarged by the whole factor that fills its share of the width.
+    Frames of the same colour show on the first picture where they come from.
     """
     columns = min(columns, len(pictures))
-    (first_label, first), *others = pictures
-    shown = [(first_label, _framed(first, crops), _details(first, crops))]
-    shown += [(label, p, _details(p, crops)) for label, p in others]
-    nothing = np.full_like(first, BACKGROUND)
-    shown += [("", nothing, np.full_like(shown[0][2], BACKGROUND))] * (
-        -len(shown) % columns
-    )
-    bands = []
-    for start in range(0, len(shown), columns):
-        labels, whole, details = zip(*shown[start : start + columns], strict=True)
-        rows = [_stacked(w, d) for w, d in zip(whole, details, strict=True)]
-        bands.append(contact_sheet([rows], [""], labels))
+    factor = -(-LEGIBLE_WIDTH // pictures[0][1].shape[1])
+    labels = [label for label, _ in pictures]
+    shown = [
+        _with_details(picture, crops, factor, framed=index == 0)
+        for index, (_, picture) in enumerate(pictures)
+    ]
+    missing = -len(shown) % columns
+    shown += [np.full_like(shown[0], BACKGROUND)] * missing
+    labels += [""] * missing
+    bands = [
+        contact_sheet([shown[i : i + columns]], [""], labels[i : i + columns])
+        for i in range(0, len(shown), columns)
+    ]
     return np.concatenate(bands)
 
 
-def _details(picture: Picture, crops: Sequence[Crop]) -> Picture:
-    """The crops side by side, each enlarged and framed, in a strip of the picture's
-    width; of no height without crops."""
-    width = picture.shape[1]
-    if not crops:
-        return picture[:0]
-    cell = width // len(crops)
-    factor = max(min(cell // crop.width for crop in crops), 1)
-    height = factor * max(crop.height for crop in crops)
-    strip = np.full((height, width, 3), BACKGROUND, np.float32)
-    for index, crop in enumerate(crops):
-        large = crop.of(picture).repeat(factor, axis=0).repeat(factor, axis=1)
-        whole = Crop(0, 0, large.shape[1], large.shape[0])
-        large = _draw_frame(large, whole, FRAME_COLORS[index])
-        left = index * cell
-        strip[: large.shape[0], left : left + large.shape[1]] = large[:, : width - left]
-    return strip
-
-
-def _framed(picture: Picture, crops: Sequence[Crop]) -> Picture:
-    for index, crop in enumerate(crops):
-        picture = _draw_frame(picture, crop, FRAME_COLORS[index])
-    return picture
-
-
-def _draw_frame(
-    picture: Picture, crop: Crop, color: tuple[float, float, float]
+def _with_details(
+    picture: Picture, crops: Sequence[Crop], factor: int, *, framed: bool
 ) -> Picture:
-    framed = picture.copy()
-    window = crop.of(framed)
-    for edge in (window[:1], window[-1:], window[:, :1], window[:, -1:]):
+    """The enlarged picture over a strip of its crops; no strip without crops."""
+    whole = _enlarged(picture, factor)
+    height, width, _ = whole.shape
+    if framed:
+        for crop, color in zip(crops, FRAME_COLORS, strict=False):
+            scaled = (factor * n for n in (crop.x, crop.y, crop.width, crop.height))
+            _draw_frame(Crop(*scaled).of(whole), color)
+    if not crops:
+        return whole
+    cell = width // len(crops)
+    details = []
+    for crop, color in zip(crops, FRAME_COLORS, strict=False):
+        fill = min(cell // crop.width, height // crop.height)
+        details.append(_enlarged(crop.of(picture), max(fill, 1)))
+        _draw_frame(details[-1], color)
+    strip_height = FRAME + max(len(detail) for detail in details)
+    strip = np.full((strip_height, width, 3), BACKGROUND, np.float32)
+    for index, detail in enumerate(details):
+        share = strip[FRAME:, index * cell : (index + 1) * cell]
+        share[: len(detail), : detail.shape[1]] = detail[:, :cell]
+    return np.concatenate([whole, strip])
+
+
+def _enlarged(picture: Picture, factor: int) -> Picture:
+    return picture.repeat(factor, axis=0).repeat(factor, axis=1)
+
+
+def _draw_frame(picture: Picture, color: tuple[float, float, float]) -> None:
+    """Draws along the picture's edges, in place."""
+    for edge in (
+        picture[:FRAME],
+        picture[-FRAME:],
+        picture[:, :FRAME],
+        picture[:, -FRAME:],
+    ):
         edge[:] = color
-    return framed
-
-
-def _stacked(whole: Picture, details: Picture) -> Picture:
-    gap = np.full((2 * (len(details) > 0), whole.shape[1], 3), BACKGROUND, np.float32)
-    return np.concatenate([whole, gap, details])

@@ -45,17 +45,26 @@ def test_a_crop_outside_does_not_fit(crop):
 def test_a_crop_is_enlarged_by_a_whole_factor_below_its_picture():
     picture = _flat(0.25)
     picture[10:13, 20:24] = 0.75
-    # The sheet enlarges 80 pixels to 320, by 4. A crop of 20 in a strip of 80: by 4.
-    drawn = figure.figure([("a", picture)], [Crop(15, 5, 20, 15)], 1)
-    assert _count(drawn, 0.75) == 4 * 4 * 12 + 16 * 16 * 12
+    # 80 pixels become 320, by 4. A crop of 20 fills them by 16; of 48 by 6, not 6.67.
+    for width, factor in ((20, 16), (48, 6)):
+        drawn = figure.figure([("a", picture)], [Crop(15, 5, width, 10)], 1)
+        assert _count(drawn, 0.75) == (4 * 4 + factor * factor) * 12
+
+
+def test_a_crop_too_large_for_its_share_is_cut_and_not_spilt():
+    crops = [Crop(0, 0, 80, 60), Crop(0, 0, 8, 6)]
+    drawn = figure.figure([("", _flat(0.25))], crops, 1)
+    one = figure.figure([("", _flat(0.25))], crops[1:], 1)
+    assert drawn.shape[1] == one.shape[1]
+    assert _count(drawn, figure.FRAME_COLORS[1]) > 0
 
 
 def test_frames_tell_where_crops_come_from_on_the_first_picture_only():
     crops = [Crop(0, 0, 40, 20)]
     one = figure.figure([("", _flat(0.25))], crops, 2)
     two = figure.figure([("", _flat(0.25)), ("", _flat(0.5))], crops, 2)
-    # Enlarged by 4: the frame on the picture, and that of the crop enlarged by 2.
-    on_picture, on_crop = 16 * (2 * 40 + 2 * 18), 16 * (2 * 80 + 2 * 38)
+    # Two pixels wide, around 160 x 80 on the picture and 320 x 160 below it.
+    on_picture, on_crop = 2 * (2 * 160 + 2 * 76), 2 * (2 * 320 + 2 * 156)
     color = figure.FRAME_COLORS[0]
     assert _count(one, color) == on_picture + on_crop
     assert _count(two, color) == on_picture + 2 * on_crop
