@@ -19,9 +19,9 @@ def data_loss(
 
     The squared error in log(c + eps), linearised around the prediction, so that an
     error of one level counts more in the dark. A prediction above 1 equals a
-    clipped pixel.
+    clipped pixel; where the photo is not clipped it is too bright, and learns so.
     """
-    clipped = jnp.minimum(rgb, 1.0)
+    clipped = jnp.where(target < 1.0, rgb, jnp.minimum(rgb, 1.0))
     return jnp.mean(((clipped - target) / (stop_gradient(clipped) + eps)) ** 2)
 
 

@@ -29,6 +29,14 @@ def test_prediction_above_one_equals_a_clipped_pixel():
     assert losses.data_loss(3.0 * white, white, eps=1e-3) == 0.0
 
 
+def test_prediction_above_one_of_a_darker_pixel_learns():
+    # 2 (c - y) / c^2 = 2 * 0.8 / 1.5^2: no dead end for a start that is too bright.
+    gradient = jax.grad(
+        lambda c: losses.data_loss(jnp.full((1, 3), c), jnp.full((1, 3), 0.7), eps=0.0)
+    )(1.5)
+    np.testing.assert_allclose(gradient, 2 * 0.8 / 1.5**2, rtol=1e-5)
+
+
 def test_exposure_loss_by_hand_and_its_indifference_to_colour():
     # mean channel 0.3 against 0.5: 0.04
     colored = jnp.array([[0.1, 0.3, 0.5]])
