@@ -108,6 +108,7 @@ def load_split(config: Config, split: str) -> Scene:
         projection=config.projection,
         end_at_far=config.end_at_far,
         holdout=config.holdout,
+        photo_gains=config.photo_gains,
         max_image_memory=config.max_image_memory,
     )
 

@@ -131,6 +131,7 @@ class Config:
     projection: str = "auto"  # ndc, contract; auto: from the poses
     end_at_far: bool = False  # ndc: rays end at far, not at infinity
     holdout: int = 8  # every n-th view is a test view where files state no split
+    photo_gains: bool = True  # exposures.json, where the scene has one
     max_image_memory: float = 4.0  # GB of pictures in memory; more stay on disk
     max_minutes: float = 0.0  # stretches the schedule to this time; 0: as configured
     model: ModelConfig = dataclasses.field(default_factory=ModelConfig)

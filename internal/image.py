@@ -26,6 +26,14 @@ def linear_to_srgb(linear_rgb: ArrayLike) -> Float[Array, "..."]:
     return jnp.where(linear_rgb <= 0.0031308, linear_rgb * 12.92, power)
 
 
+def expose(
+    srgb: Float[Array, "*b 3"], gain: Float[Array, "*b 3"]
+) -> Float[Array, "*b 3"]:
+    """sRGB colours under ``gain`` times the linear light; 1 changes no bit."""
+    exposed = linear_to_srgb(gain * srgb_to_linear(srgb))
+    return jnp.where(gain == 1.0, srgb, exposed)
+
+
 def to_uint8(srgb: ArrayLike) -> UInt8[np.ndarray, "..."]:
     """Clips to [0, 1] and rounds to 8 bits, as a PNG stores it."""
     return np.round(np.clip(np.asarray(srgb), 0.0, 1.0) * 255.0).astype(np.uint8)

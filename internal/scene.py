@@ -26,6 +26,7 @@ from internal.picture_store import Picture, hold
 from internal.poses import transform_poses
 from internal.readers.base import SceneFiles
 from internal.scene_loading import (
+    GAINS_FILE,
     UINT16_ONE,
     Truth,
     check_lenses,
@@ -33,6 +34,7 @@ from internal.scene_loading import (
     find_truth,
     fit_lenses,
     held_out,
+    load_gains,
     load_picture,
     load_truth,
 )
@@ -78,6 +80,7 @@ def load_scene(
     projection: str = "auto",
     end_at_far: bool = False,
     holdout: int = 8,
+    photo_gains: bool = True,
     max_image_memory: float = np.inf,
 ) -> Scene:
     """Loads one split of a scene and prints what was found and how.
@@ -102,6 +105,9 @@ def load_scene(
         end_at_far: with "ndc", rays end at ``far`` and not at infinity.
         holdout: every ``holdout``-th view, from the first, is a test view if the
             files state no split; 0 trains on all.
+        photo_gains: the light of each photo over the scene's, from the file that
+            prepare.py writes, where there is one; training then explains the photos
+            by it and renderings are free of it.
         max_image_memory: gigabytes of pictures to keep in memory; more lie in a
             temporary file.
 
@@ -124,6 +130,7 @@ def load_scene(
     bounds = find_bounds(files, lenses, ~is_test, near, far)
     frame = choose_frame(files, lenses, bounds, projection, end_at_far)
     truth = find_truth(files, data_dir, gt_dir)
+    gains = load_gains(data_dir, files.names, photo_gains)
 
     views = np.flatnonzero(is_test == (split == "test"))
     if len(views) == 0:
@@ -136,7 +143,9 @@ def load_scene(
         split=split,
         view_names=tuple(files.names[v] for v in views),
         lenses=own_lenses,
-        cameras=posed_cameras(own_lenses, camtoworlds),
+        cameras=dataclasses.replace(
+            posed_cameras(own_lenses, camtoworlds), gains=gains[views]
+        ),
         images=hold(
             (load_picture(files.image_paths[v], lenses[v]) for v in views),
             max_image_memory,
@@ -173,6 +182,7 @@ def posed_cameras(
         table_starts=np.array([starts[lens] for lens in lenses], np.int32),
         widths=np.array([lens.width for lens in lenses], np.int32),
         heights=np.array([lens.height for lens in lenses], np.int32),
+        gains=np.ones((len(lenses), 3), np.float32),
     )
 
 
@@ -195,8 +205,16 @@ def _report(
         f"  depth: near {bounds.near:.4g}, far {bounds.far:.4g} ({bounds.source}), "
         f"{len(files.points)} sparse points\n"
         f"  projection: {frame.reason}\n"
+        f"  exposures: {_describe_gains(np.asarray(scene.cameras.gains))}\n"
         f"  truth: {truth.reason}"
     )
+
+
+def _describe_gains(gains: Float[np.ndarray, "n 3"]) -> str:
+    if np.all(gains == 1.0):
+        return "equal"
+    stops = np.log2(gains).mean(axis=-1)
+    return f"differ, {stops.min():+.2f} to {stops.max():+.2f} stops ({GAINS_FILE})"
 
 
 def _warn_of_normal_light(scene: Scene) -> None:

@@ -5,6 +5,8 @@ Pictures are read as float sRGB in [0, 1] and returned as uint16, 65535 being 1.
 """
 
 import dataclasses
+import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,7 @@ from internal.readers.base import SceneFiles
 ROTATION_TOLERANCE = 1e-2  # hand-written JSON drifts; a mirror or a scale does not pass
 ASPECT_TOLERANCE = 0.02
 UINT16_ONE = 65535.0
+GAINS_FILE = "exposures.json"  # written by prepare.py
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,6 +123,33 @@ def find_truth(files: SceneFiles, data_dir: Path, gt_dir: str) -> Truth:
 def load_picture(path: Path, lens: Lens) -> UInt16[np.ndarray, "_h _w 3"]:
     """A picture at the size of its lens."""
     return _shrink(image_io.read_srgb(path), lens)
+
+
+def load_gains(
+    data_dir: Path, names: Sequence[str], wanted: bool
+) -> Float[np.ndarray, "n 3"]:
+    """Linear light of each photo over the scene's; ones without a file of them.
+
+    Raises:
+        UserError: the file cannot be read, or a photo's gain is missing or senseless.
+    """
+    path = data_dir / GAINS_FILE
+    if not (wanted and path.is_file()):
+        return np.ones((len(names), 3), np.float32)
+    try:
+        stored = json.loads(path.read_text())["gains"]
+        gains = np.array([stored[name] for name in names], np.float32)
+    except (ValueError, KeyError, TypeError) as error:
+        raise UserError(
+            f"{path}: no gain for every photo ({error!r}); run prepare.py again, "
+            "delete the file, or set Config.photo_gains = False"
+        ) from error
+    if gains.shape != (len(names), 3) or not np.all((gains > 0) & (gains < np.inf)):
+        raise UserError(
+            f"{path}: expected three positive numbers per photo; run prepare.py again, "
+            "delete the file, or set Config.photo_gains = False"
+        )
+    return gains
 
 
 def load_truth(

@@ -7,6 +7,7 @@ L_c and L_s from ``Train.enhance_start`` on. The field learns from the first thr
 terms alone, phi from the others alone; each has its own Adam.
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -19,7 +20,7 @@ from jax import Array
 from jax.lax import stop_gradient
 from jaxtyping import ArrayLike, Float, PRNGKeyArray
 
-from internal import losses, parallel, stepfun
+from internal import image, losses, parallel, stepfun
 from internal.cameras import Cameras, Rays, cast_rays
 from internal.configs import Config, LossConfig, OptimizerConfig, TrainConfig
 from internal.coord import ForwardFacing, Space
@@ -189,12 +190,19 @@ def make_train_step(
     def field_loss(
         params: Params,
         rgb: Float[Array, "rays 3"],
+        gain: Float[Array, "rays 3"],
         rays: Rays,
         space: Space,
         key: PRNGKeyArray,
     ) -> tuple[Float[Array, ""], tuple[Level, Terms]]:
         levels = march({"params": params}, rays, space, key)
-        terms = field_terms(config.losses, levels, rgb, data_eps)
+        exposed: list[Histogram] = [
+            dataclasses.replace(x, rgb=image.expose(x.rgb, gain))
+            if isinstance(x, Level)
+            else x
+            for x in levels
+        ]
+        terms = field_terms(config.losses, exposed, rgb, data_eps)
         return sum(terms.values(), jnp.zeros(())), (levels[-1], terms)
 
     def phi_loss(
@@ -212,10 +220,11 @@ def make_train_step(
         batch = jax.lax.with_sharding_constraint(batch, parallel.batch_sharding(mesh))
         pixels = jax.tree.map(jnp.ravel, batch.pixels)
         rgb = jnp.reshape(batch.rgb(), (-1, 3))
+        gain = jnp.asarray(cameras.gains)[pixels.view]
         rays = cast_rays(cameras, space, pixels.view, pixels.x, pixels.y)
         field_params = {k: x for k, x in state.params.items() if _group(k) == "field"}
         grads, (last, terms) = jax.grad(field_loss, has_aux=True)(
-            field_params, rgb, rays, space, key
+            field_params, rgb, gain, rays, space, key
         )
         if config.model.decomposition:
             phi_gradient = functools.partial(
@@ -229,7 +238,8 @@ def make_train_step(
                 state.params["phi"],
             )
             terms = terms | enhancement_terms
-        return grads, terms, jnp.mean((jnp.clip(last.rgb, 0.0, 1.0) - rgb) ** 2)
+        photo = jnp.clip(image.expose(last.rgb, gain), 0.0, 1.0)
+        return grads, terms, jnp.mean((photo - rgb) ** 2)
 
     def apply(state: TrainState, grads: Params) -> TrainState:
         updates, opt_state = optimizer.update(grads, state.opt_state, state.params)

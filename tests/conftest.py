@@ -63,6 +63,7 @@ def tiny_cameras() -> Cameras:
         table_starts=jnp.zeros(views, jnp.int32),
         widths=jnp.full(views, width, jnp.int32),
         heights=jnp.full(views, height, jnp.int32),
+        gains=jnp.ones((views, 3)),
     )
 
 

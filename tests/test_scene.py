@@ -23,6 +23,7 @@ from scene_writers import (
     surrounding_world,
     write_blender,
     write_colmap,
+    write_json,
     write_llff,
     write_model,
     write_nerfstudio,
@@ -30,7 +31,7 @@ from scene_writers import (
 )
 from scipy.spatial.transform import Rotation
 
-from internal import image_io, poses
+from internal import image_io, poses, readers
 from internal.cameras import Lens, pixel_directions
 from internal.coord import ForwardFacing, Unbounded
 from internal.errors import UserError
@@ -586,3 +587,26 @@ class TestRealCaptures:
         assert scene.images[0].shape == (94, 126, 3)
         assert isinstance(scene.space, ForwardFacing)
         assert "WARNING: this does not look" in capsys.readouterr().out
+
+
+def test_gains_of_photos_are_read_from_the_file_that_prepare_writes(tmp_path, capsys):
+    folder = write_llff(tmp_path, WORLD)
+    names = readers.read_files(folder, "auto", "").names
+    gains = {name: [1.0 + i / 10] * 3 for i, name in enumerate(names)}
+    write_json(folder / "exposures.json", {"gains": gains})
+    scene = load(folder)
+    expected = [gains[name] for name in scene.view_names]
+    np.testing.assert_allclose(scene.cameras.gains, expected, rtol=1e-6)
+    assert "exposures: differ" in capsys.readouterr().out
+    plain = load(folder, photo_gains=False)
+    np.testing.assert_array_equal(plain.cameras.gains, 1.0)
+
+
+@pytest.mark.parametrize("gains", [{}, {"gains": {}}, "zero", [1]])
+def test_gains_that_make_no_sense_are_named(tmp_path, gains):
+    folder = write_llff(tmp_path, WORLD)
+    names = readers.read_files(folder, "auto", "").names
+    content = {"gains": dict.fromkeys(names, [0.0] * 3)} if gains == "zero" else gains
+    write_json(folder / "exposures.json", content)
+    with pytest.raises(UserError, match=r"exposures\.json.*Config\.photo_gains"):
+        load(folder)

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from internal import parallel, sampler, training
+from internal.cameras import cast_rays
 from internal.configs import load_config
+from internal.editing import NEUTRAL
 from internal.errors import Diverged
+from internal.image import expose, linear_to_srgb, srgb_to_linear
 from internal.models import Model
 from tests.conftest import TINY_MODEL
 
@@ -153,4 +156,33 @@ def test_a_step_in_passes_learns_like_one_in_one(tiny_cameras, tiny_images, ndc)
         results.append(run(state, 5)[1])
     chex.assert_trees_all_close(
         results[0].terms["data"], results[1].terms["data"], rtol=0.2
+    )
+
+
+def test_known_exposures_explain_the_photos_and_leave_the_scene(tiny_cameras, ndc):
+    """Photos of one grey under three exposures; the scene learnt is the grey."""
+    grey = 0.2
+    gains = np.array([0.5, 1.0, 2.0], np.float32)
+    photos = linear_to_srgb(gains * np.asarray(srgb_to_linear(grey)))
+    images = tuple(np.full((8, 10, 3), 65535 * float(p), np.uint16) for p in photos)
+    cameras = tiny_cameras.replace(gains=jnp.tile(gains[:, None], 3))
+    config = load_config(
+        [], [*TINY_MODEL, "Train.max_steps = 150", "Optimizer.lr_init = 1e-2"]
+    )
+    run, state = make_run(config, cameras, images, ndc, jax.devices()[:1])
+    state, stats = run(state, 150)
+    assert stats.psnr > 25
+    index = jnp.arange(3)
+    rays = jax.jit(cast_rays)(tiny_cameras, ndc, index, index, index)
+    model = Model(config.model)
+    rendering = jax.jit(model.apply)({"params": state.params}, rays, ndc, NEUTRAL)
+    np.testing.assert_allclose(rendering.rgb, grey, atol=0.04)
+
+
+def test_a_gain_of_one_changes_no_bit():
+    srgb = jax.random.uniform(jax.random.key(0), (50, 3)) * 1.2
+    np.testing.assert_array_equal(expose(srgb, jnp.ones((50, 3))), srgb)
+    brighter = expose(srgb, jnp.full((50, 3), 2.0))
+    np.testing.assert_allclose(
+        srgb_to_linear(brighter), 2 * srgb_to_linear(srgb), rtol=1e-4
     )

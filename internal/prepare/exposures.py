@@ -17,7 +17,6 @@ from scipy import ndimage, sparse
 
 from internal import atomic, image
 
-FILE = "exposures.json"
 WINDOW = 5  # pixels whose light is averaged about a point
 # Beyond these 8-bit levels, clipping and rounding say more than light.
 LEVELS = (2.0, 250.0)

@@ -29,7 +29,7 @@ from internal.prepare.reasons import second_scene, why_unplaced
 from internal.prepare.report import FOLDER, Report, Tried, read_report, write_report
 from internal.prepare.summary import summarize, summarize_failure, train_command
 from internal.prepare.video_frames import extract_frames
-from internal.scene_loading import ASPECT_TOLERANCE
+from internal.scene_loading import ASPECT_TOLERANCE, GAINS_FILE
 
 CONTENT = 1  # counts changes of what is written; older scenes are refused
 WORK = "work"
@@ -101,7 +101,7 @@ def _prepare(inputs: Inputs, scene: Path) -> Report:
             scene_files.place_truth(photos[view], truth[0][view], scene)
     gains = _estimate_exposures(photos, copies, best)
     names = [photo.scene_name for photo in placed]
-    exposures.write(gains, names, scene / exposures.FILE)
+    exposures.write(gains, names, scene / GAINS_FILE)
     _write_cameras(scene, photos, best)
     scene_files.write_readme(
         scene,
