@@ -81,7 +81,7 @@ def viewer(run, browser):
 
 def choose(page, current, wanted):
     """Picks from the dropdown that shows ``current``; the first of several."""
-    boxes = page.get_by_role("textbox").all()
+    boxes = page.locator("input").all()
     next(box for box in boxes if box.input_value() == current).click()
     page.get_by_role("option", name=wanted, exact=True).click()
 
@@ -147,8 +147,7 @@ def test_light_sliders_change_the_picture_and_state_their_bindings(viewer):
     until(is_warm, "a warmer picture")
     on_screen(viewer)
     assert frames[-1].number == number  # nothing was rendered for it
-    texts = [box.input_value() for box in page.get_by_role("textbox").all()]
-    bindings = next(text for text in texts if "Render.exposure" in text)
+    bindings = page.locator("textarea").first.input_value()
     assert "Render.exposure = 1.0" in bindings
     assert "Render.temperature = 3500.0" in bindings
 
@@ -206,7 +205,7 @@ def test_keyframes_become_a_path_that_render_py_reads(viewer):
     file = viewer.run.folder / "view" / "path.json"
     until(file.is_file, "a saved path")
     poses = paths.from_json(file)
-    assert len(poses) == 10
+    assert len(poses) == 3  # Render.frames
     assert np.linalg.norm(poses[0, :, 3] - poses[-1, :, 3]) > 0.0
 
 

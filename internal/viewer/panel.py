@@ -34,6 +34,7 @@ SLIDERS = {
     "tint": (*TINT_RANGE, 0.05, "Tint", "green to magenta, stops"),
     "contrast": (*CONTRAST_RANGE, 0.05, "Contrast", "of the lighting"),
 }  # fmt: skip
+MOST_FRAMES = 10_000
 EXPLANATION_OF_PHOTO = "the dark photo taken nearest to here, exact at its place"
 
 Handler = Callable[[Any], Coroutine[Any, Any, None]]
@@ -176,7 +177,7 @@ class Panel:
         add = gui.add_button("Add keyframe here")
         remove = gui.add_button("Remove the last")
         smooth = gui.add_button("Smooth", hint="less jitter of keyframes")
-        frames = gui.add_slider("Frames", 10, 600, 10, self._render.frames)
+        frames = gui.add_number("Frames", self._render.frames, min=2, max=MOST_FRAMES)
         play = gui.add_button("Preview / stop")
         name = gui.add_text("Name", "path")
         save = gui.add_button("Save for render.py")
@@ -200,12 +201,12 @@ class Panel:
             if self._playing.is_set():
                 self._playing.clear()
                 return
-            poses = self._path(frames.value)
+            poses = self._path(int(frames.value))
             self._playing.set()
             threading.Thread(target=self._play, args=(poses,), daemon=True).start()
 
         async def save_path(_: object) -> None:
-            poses = self._path(frames.value)
+            poses = self._path(int(frames.value))
             scene, fps = self._studio.scene, self._render.fps
             path = takes.write_path(self._folder, name.value, scene, poses, fps)
             self.say(f"saved; render it with Render.path = {str(path)!r}")
