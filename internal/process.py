@@ -43,4 +43,4 @@ def restart_tuned() -> None:
     wanted = wanted_environment(dict(os.environ))
     if wanted:
         environment = {**os.environ, **wanted, _MARK: "1"}
-        os.execve(sys.executable, [sys.executable, *sys.argv], environment)
+        os.execve(sys.executable, sys.orig_argv, environment)

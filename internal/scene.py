@@ -107,7 +107,7 @@ def load_scene(
             files state no split; 0 trains on all.
         photo_gains: the light of each photo over the scene's, from the file that
             prepare.py writes, where there is one; training then explains the photos
-            by it and renderings are free of it.
+            by it and renderings are free of it. Not for other ``images_dir``.
         max_image_memory: gigabytes of pictures to keep in memory; more lie in a
             temporary file.
 
@@ -130,7 +130,8 @@ def load_scene(
     bounds = find_bounds(files, lenses, ~is_test, near, far)
     frame = choose_frame(files, lenses, bounds, projection, end_at_far)
     truth = find_truth(files, data_dir, gt_dir)
-    gains = load_gains(data_dir, files.names, photo_gains)
+    own_photos = photo_gains and not images_dir
+    gains = load_gains(data_dir, files.image_paths, own_photos)
 
     views = np.flatnonzero(is_test == (split == "test"))
     if len(views) == 0:

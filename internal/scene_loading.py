@@ -126,25 +126,33 @@ def load_picture(path: Path, lens: Lens) -> UInt16[np.ndarray, "_h _w 3"]:
 
 
 def load_gains(
-    data_dir: Path, names: Sequence[str], wanted: bool
+    data_dir: Path, image_paths: Sequence[Path], wanted: bool
 ) -> Float[np.ndarray, "n 3"]:
     """Linear light of each photo over the scene's; ones without a file of them.
+
+    The file names a photo by its path inside the folder of photos.
 
     Raises:
         UserError: the file cannot be read, or a photo's gain is missing or senseless.
     """
     path = data_dir / GAINS_FILE
     if not (wanted and path.is_file()):
-        return np.ones((len(names), 3), np.float32)
+        return np.ones((len(image_paths), 3), np.float32)
     try:
         stored = json.loads(path.read_text())["gains"]
-        gains = np.array([stored[name] for name in names], np.float32)
+        rows = []
+        for photo in map(Path.as_posix, image_paths):
+            own = [name for name in stored if photo.endswith(f"/{name}")]
+            rows.append(stored[max(own, key=len)])
+        gains = np.array(rows, np.float32)
     except (ValueError, KeyError, TypeError) as error:
         raise UserError(
             f"{path}: no gain for every photo ({error!r}); run prepare.py again, "
             "delete the file, or set Config.photo_gains = False"
         ) from error
-    if gains.shape != (len(names), 3) or not np.all((gains > 0) & (gains < np.inf)):
+    if gains.shape != (len(image_paths), 3) or not np.all(
+        (gains > 0) & (gains < np.inf)
+    ):
         raise UserError(
             f"{path}: expected three positive numbers per photo; run prepare.py again, "
             "delete the file, or set Config.photo_gains = False"

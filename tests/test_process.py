@@ -18,9 +18,9 @@ def test_restarting_runs_the_same_command(monkeypatch):
     calls = []
     monkeypatch.setattr(process.os, "environ", {"PATH": "/bin"})
     monkeypatch.setattr(process.os, "execve", lambda *args: calls.append(args))
-    monkeypatch.setattr(process.sys, "argv", ["train.py", "--flag"])
+    monkeypatch.setattr(process.sys, "orig_argv", ["python", "-m", "tool", "--flag"])
     process.restart_tuned()
-    ((program, arguments, environment),) = calls
-    assert arguments == [program, "train.py", "--flag"]
+    ((_, arguments, environment),) = calls
+    assert arguments == ["python", "-m", "tool", "--flag"]
     assert environment["PATH"] == "/bin" and environment["LLNERF_PLAIN"] == "1"
     assert "glibc.malloc.hugetlb=1" in environment["GLIBC_TUNABLES"]
