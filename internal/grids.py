@@ -116,13 +116,15 @@ def _interpolate(table: Any, rows: Any, weights: Any) -> Any:
 
 
 def _interpolate_forward(table, rows, weights):
-    return _interpolate(table, rows, weights), (jnp.zeros_like(table), rows, weights)
+    return _interpolate(table, rows, weights), (table, rows, weights)
 
 
 def _interpolate_backward(saved, gradient):
-    zeros, rows, weights = saved
+    table, rows, weights = saved
     parts = jnp.stack([weight[..., None] * gradient for weight in weights])
-    scattered = zeros.at[jnp.stack(rows)].add(parts, mode="promise_in_bounds")
+    scattered = (
+        jnp.zeros_like(table).at[jnp.stack(rows)].add(parts, mode="promise_in_bounds")
+    )
     return scattered, None, None
 
 

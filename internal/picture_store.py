@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of a scene: in memory, or in a nameless file when they are too many.
 
-The file is gone when the process ends. Pages of it that were read are given back
-after each use, so memory does not grow with the number of photos.
+The file is gone when the process ends. Pixels are read from it one by one, so memory
+does not grow with the number of photos.
 """
 
+import os
 import tempfile
 from collections.abc import Iterable, Sequence
 from typing import overload
@@ -88,5 +89,6 @@ class PictureStore(Sequence[Picture]):
         """Single pixels, by view, column and row."""
         widths = np.array([shape[1] for shape in self._shapes])
         first = np.array(self._starts)[view] + 3 * (y * widths[view] + x)
-        levels = np.memmap(self._file, np.uint16, "r")
-        return levels[first[..., None] + np.arange(3)]
+        handle = self._file.fileno()
+        pixels = [os.pread(handle, 6, 2 * start) for start in first.ravel().tolist()]
+        return np.frombuffer(b"".join(pixels), np.uint16).reshape(*first.shape, 3)

@@ -67,7 +67,7 @@ class GridTrunk(nn.Module):
 
 
 class GridProposal(nn.Module):
-    """The sum of a few grids of raw densities."""
+    """The sum of a few grids of raw densities, too coarse to alias."""
 
     config: HashGrid
 
@@ -77,7 +77,7 @@ class GridProposal(nn.Module):
     ) -> Float[Array, "*b"]:
         resolutions = self.config.proposal_resolutions
         dense = (max(resolutions) + 1) ** 3
-        encoded = _Encoding(resolutions, 1, dense, self.config.antialias)(mean, var)
+        encoded = _Encoding(resolutions, 1, dense, antialias=False)(mean, var)
         total = functools.reduce(jnp.add, encoded[..., 0])
         return PROPOSAL_GAIN * total.reshape(mean.shape[:-1])
 
