@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a step's time grows with rays, samples, photos and cores.
+"""How a step's time grows with rays, samples and cores (photos: benchmarks.memory).
 
 python -m benchmarks.growth DATA_DIR [--factor 2]
 
@@ -23,7 +23,6 @@ CASES = (  # label, cores, devices, bindings
     ("twice the rays", 2, 1, ("Train.batch_size = 704",)),
     ("half the samples", 2, 1, ("Model.num_samples = (24, 8)",)),
     ("twice the samples", 2, 1, ("Model.num_samples = (96, 32)",)),
-    ("a third of the photos", 2, 1, ("Config.holdout = 2",)),
     ("2 devices on the same cores", 2, 2, ()),
     ("4 devices on the same cores", 2, 4, ()),
 )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Peak memory of training: a real scene, and generated ones of 100 and 500 photos
+"""Peak memory and time of training: a real scene, and generated ones of 100 and 500 photos
 that are larger than Config.max_image_memory and therefore stay on disk.
 
 python -m benchmarks.memory DATA_DIR
@@ -34,9 +34,12 @@ def main() -> None:
         rows = []
         for index, (label, data_dir, limit) in enumerate(cases):
             run = Path(folder) / f"run{index}"
-            rows.append((label, f"{peak_of_training(data_dir, run, limit):.2f}"))
+            peak = peak_of_training(data_dir, run, limit)
+            last = (run / "metrics.jsonl").read_text().splitlines()[-1]
+            rows.append((label, f"{peak:.2f}", f"{json.loads(last)['seconds']:.1f}"))
             print(rows[-1], file=sys.stderr, flush=True)
-    print(workload.markdown(("scene", "peak memory of train.py, GB"), rows))
+    headers = ("scene", "peak memory of train.py, GB", "300 steps, s")
+    print(workload.markdown(headers, rows))
 
 
 def peak_of_training(data_dir: str, run: Path, limit: str) -> float:
