@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Peak memory and time of training: a real scene, and generated ones of 100 and 500 photos
-that are larger than Config.max_image_memory and therefore stay on disk.
+"""Peak memory and time of training: a real scene, and generated ones of 100 and 500
+photos that are larger than Config.max_image_memory and therefore stay on disk.
 
 python -m benchmarks.memory DATA_DIR
 """
