@@ -7,6 +7,7 @@ and light.
 
 import csv
 import json
+import socket
 import types
 
 import numpy as np
@@ -68,7 +69,10 @@ def viewer(run, browser):
 
     patch = pytest.MonkeyPatch()
     patch.setattr(Panel, "show", remember)
-    server = Server(config, studio, "127.0.0.1", 8947)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    server = Server(config, studio, "127.0.0.1", port)
     page = browser.new_page(viewport={"width": 960, "height": 512})
     page.goto(server.address)
     until(lambda: frames, "a first picture")
