@@ -87,7 +87,7 @@ def viewer(run, browser):
 
 def choose(page, current, wanted):
     """Picks from the dropdown that shows ``current``; the first of several."""
-    boxes = page.locator("input").all()
+    boxes = page.locator("input:visible").all()
     next(box for box in boxes if box.input_value() == current).click()
     page.get_by_role("option", name=wanted, exact=True).click()
 
@@ -108,7 +108,7 @@ def settle(frames, after):
 
 def type_in(page, current, wanted):
     """Types into the number beside the slider that stands at ``current``."""
-    boxes = page.locator("input").all()
+    boxes = page.locator("input:visible").all()
     box = next(box for box in boxes if box.input_value() == current)
     box.fill(wanted)
     box.press("Enter")
