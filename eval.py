@@ -49,9 +49,9 @@ def main(argv: Sequence[str]) -> int:
         display = display or display_for(rendering)
         dark = from_uint16(scene.images[index])
         truth = from_uint16(scene.truth[index]) if scene.truth else None
-        views[name] = evaluation.score_view(rendering, dark, truth)
-        shown = {**pictures(rendering, display), "input": dark}
-        shown |= evaluation.brightened(np.asarray(rendering.rgb))
+        baselines = evaluation.brightened(np.asarray(rendering.rgb))
+        views[name] = evaluation.score_view(rendering, baselines, dark, truth)
+        shown = {**pictures(rendering, display), "input": dark, **baselines}
         del shown["unchanged"]  # the picture "dark"
         if truth is not None:
             shown["truth"] = truth

@@ -231,7 +231,7 @@ def _score_photos(out: Path, job: Job, bindings: Sequence[str]) -> None:
             shown = evaluation.brightened(photo)
             if scene.truth:
                 truth = from_uint16(scene.truth[index])
-                views[name] = evaluation.score_brightened(photo, truth)
+                views[name] = evaluation.score_pictures(shown, truth)
                 shown["truth"] = truth
             _write_pictures(partial, Path(name).stem, shown)
         mean = evaluation.mean_scores(views) if views else {}

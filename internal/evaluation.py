@@ -18,6 +18,7 @@ from internal.models import LitRendering, Rendering
 from internal.pages import Table
 
 Scores = dict[str, dict[str, float]]
+Pictures = dict[str, Float[np.ndarray, "_height _width 3"]]  # by name
 
 DEFINITIONS = {
     "psnr": "PSNR (dB)",
@@ -43,32 +44,28 @@ BASELINES = {
 
 def score_view(
     rendering: Rendering | LitRendering,
+    baseline_pictures: Pictures,
     dark: Float[np.ndarray, "height width 3"],
     truth: Float[np.ndarray, "height width 3"] | None,
 ) -> Scores:
-    """Scores of one rendered view; ``truth`` is None where there is none."""
+    """Scores of one rendered view and of what ``brightened`` makes of it; ``truth``
+    is None where there is none."""
     scores = {"dark": metrics.score_dark(rendering.rgb, dark)}
     if truth is None:
         return scores
     if isinstance(rendering, LitRendering):
         scores["enhanced"] = metrics.score(rendering.enhanced, truth)
-    return scores | score_brightened(np.asarray(rendering.rgb), truth)
+    return scores | score_pictures(baseline_pictures, truth)
 
 
-def score_brightened(
-    dark_srgb: Float[np.ndarray, "height width 3"],
-    truth: Float[np.ndarray, "height width 3"],
+def score_pictures(
+    pictures: Pictures, truth: Float[np.ndarray, "height width 3"]
 ) -> Scores:
-    """Scores of what each baseline makes of a dark picture."""
-    return {
-        name: metrics.score(picture, truth)
-        for name, picture in brightened(dark_srgb).items()
-    }
+    """Scores of each picture."""
+    return {name: metrics.score(picture, truth) for name, picture in pictures.items()}
 
 
-def brightened(
-    dark_srgb: Float[np.ndarray, "height width 3"],
-) -> dict[str, Float[np.ndarray, "height width 3"]]:
+def brightened(dark_srgb: Float[np.ndarray, "height width 3"]) -> Pictures:
     """What each baseline makes of a dark picture, by name."""
     return {
         name: np.asarray(brighten(dark_srgb))
