@@ -7,7 +7,6 @@ L_c and L_s from ``Train.enhance_start`` on. The field learns from the first thr
 terms alone, phi from the others alone; each has its own Adam.
 """
 
-import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -117,20 +116,28 @@ def initial_state(config: Config, model: Model) -> TrainState:
 
 
 def field_terms(
-    config: LossConfig, levels: list[Histogram], rgb: Float[Array, "rays 3"], eps: float
+    config: LossConfig,
+    levels: list[Histogram],
+    photos: list[Float[Array, "rays 3"]],
+    rgb: Float[Array, "rays 3"],
+    eps: float,
 ) -> Terms:
-    """Weighted terms that teach the field; ``eps`` is the data term's epsilon_2."""
-    *early, last = levels
-    data = [
-        losses.data_loss(x.rgb, rgb, eps=eps) for x in levels if isinstance(x, Level)
-    ]
+    """Weighted terms that teach the field.
+
+    Args:
+        photos: what the levels that have a colour say a photo shows, coarse first.
+        rgb: what it does show.
+        eps: the data term's epsilon_2.
+    """
+    last = levels[-1]
+    data = [losses.data_loss(photo, rgb, eps=eps) for photo in photos]
     lacks = [
         jnp.mean(
             stepfun.interlevel(
                 *stop_gradient((last.s_edges, last.weights)), x.s_edges, x.weights
             )
         )
-        for x in early
+        for x in levels
         if not isinstance(x, Level)
     ]
     spread = stepfun.distortion(last.s_edges, last.weights)
@@ -194,16 +201,11 @@ def make_train_step(
         rays: Rays,
         space: Space,
         key: PRNGKeyArray,
-    ) -> tuple[Float[Array, ""], tuple[Level, Terms]]:
+    ) -> tuple[Float[Array, ""], tuple[Level, Float[Array, "rays 3"], Terms]]:
         levels = march({"params": params}, rays, space, key)
-        exposed: list[Histogram] = [
-            dataclasses.replace(x, rgb=image.expose(x.rgb, gain))
-            if isinstance(x, Level)
-            else x
-            for x in levels
-        ]
-        terms = field_terms(config.losses, exposed, rgb, data_eps)
-        return sum(terms.values(), jnp.zeros(())), (levels[-1], terms)
+        photos = [image.expose(x.rgb, gain) for x in levels if isinstance(x, Level)]
+        terms = field_terms(config.losses, levels, photos, rgb, data_eps)
+        return sum(terms.values(), jnp.zeros(())), (levels[-1], photos[-1], terms)
 
     def phi_loss(
         params: Params, level: Level, space: Space
@@ -223,7 +225,7 @@ def make_train_step(
         gain = jnp.asarray(cameras.gains)[pixels.view]
         rays = cast_rays(cameras, space, pixels.view, pixels.x, pixels.y)
         field_params = {k: x for k, x in state.params.items() if _group(k) == "field"}
-        grads, (last, terms) = jax.grad(field_loss, has_aux=True)(
+        grads, (last, photo, terms) = jax.grad(field_loss, has_aux=True)(
             field_params, rgb, gain, rays, space, key
         )
         if config.model.decomposition:
@@ -238,8 +240,7 @@ def make_train_step(
                 state.params["phi"],
             )
             terms = terms | enhancement_terms
-        photo = jnp.clip(image.expose(last.rgb, gain), 0.0, 1.0)
-        return grads, terms, jnp.mean((photo - rgb) ** 2)
+        return grads, terms, jnp.mean((jnp.clip(photo, 0.0, 1.0) - rgb) ** 2)
 
     def apply(state: TrainState, grads: Params) -> TrainState:
         updates, opt_state = optimizer.update(grads, state.opt_state, state.params)
