@@ -18,29 +18,19 @@ from internal.checkpoints import Checkpoints
 from internal.models import Model
 from internal.preview import Preview
 from internal.run_folder import RunLog, open_run
-from internal.sampler import pixel_source
-from internal.training import (
-    check_finite,
-    initial_state,
-    make_train_step,
-    summarize,
-)
+from internal.training import check_finite, compiled_step, initial_state, summarize
 
 
 def main(argv: Sequence[str]) -> int:
     """Trains until ``Train.max_steps`` or a signal; resumes what it finds."""
     config = cli.parse_parallel_config("Train on a scene of dark photos.", argv)
 
-    # The scene: pictures on the devices, or fed from the host when too large.
+    # The scene, and a schedule that fits the time there is.
     scene = cli.load_split(config, "train")
     mesh = parallel.data_mesh(config.train.batch_size)
     model = Model(config.model)
     config = budget.fit(config, lambda: budget.measure(config, scene, model, mesh))
     train = config.train
-    pixels_of_step = pixel_source(
-        scene.images, scene.cameras, mesh, train, config.max_image_memory
-    )
-    cameras, space = parallel.replicate((scene.cameras, scene.space), mesh)
 
     # The state, where an earlier run left it or new.
     folder = open_run(config)
@@ -54,9 +44,7 @@ def main(argv: Sequence[str]) -> int:
     print(f"run folder: {folder}, from step {start} to {train.max_steps}", flush=True)
 
     # The loop. A step that is not finite keeps the state before it.
-    train_step = jax.jit(
-        make_train_step(config, model, mesh, scene.brightness), donate_argnums=0
-    )
+    take_step = compiled_step(config, model, scene, mesh)
     preview = Preview(model, scene, mesh, config.render.chunk)
     stats = None
     with (
@@ -67,7 +55,7 @@ def main(argv: Sequence[str]) -> int:
     ):
         for step in range(start + 1, train.max_steps + 1):
             check_finite(stats, step - 1)  # the step before: devices stay busy
-            state, stats = train_step(state, cameras, space, pixels_of_step(step - 1))
+            state, stats = take_step(state, step - 1)
             bar.update()
             last = step == train.max_steps or bool(interruption)
             if last or step % train.log_every == 0:

@@ -20,9 +20,8 @@ from internal import parallel, progress
 from internal.configs import Config
 from internal.errors import UserError
 from internal.models import Model
-from internal.sampler import pixel_source
 from internal.scene import Scene
-from internal.training import initial_state, make_train_step
+from internal.training import compiled_step, initial_state
 
 MEASURED_STEPS = 20  # of each phase
 UNMEASURED_STEPS = 3  # the first ones are slower
@@ -97,17 +96,11 @@ def measure(
 ) -> StepTimes:
     """Times steps of both phases on a state that is then thrown away."""
     train = config.train
-    pixels_of_step = pixel_source(
-        scene.images, scene.cameras, mesh, train, config.max_image_memory
-    )
-    fixed = parallel.replicate((scene.cameras, scene.space), mesh)
+    take_step = compiled_step(config, model, scene, mesh)
     state = parallel.replicate(initial_state(config, model), mesh)
-    train_step = jax.jit(
-        make_train_step(config, model, mesh, scene.brightness), donate_argnums=0
-    )
     medians: list[float] = []
     started = time.perf_counter()
-    state, _ = jax.block_until_ready(train_step(state, *fixed, pixels_of_step(0)))
+    state, _ = jax.block_until_ready(take_step(state, 0))
     compilation = time.perf_counter() - started
     with progress.bar(2 * MEASURED_STEPS, "measuring", "step") as bar:
         for first in (0, train.enhance_start):
@@ -115,8 +108,7 @@ def measure(
             seconds = []
             for step in range(UNMEASURED_STEPS + MEASURED_STEPS):
                 started = time.perf_counter()
-                pixels = pixels_of_step(first + step)
-                state, _ = jax.block_until_ready(train_step(state, *fixed, pixels))
+                state, _ = jax.block_until_ready(take_step(state, first + step))
                 seconds.append(time.perf_counter() - started)
             bar.update(MEASURED_STEPS)
             medians.append(statistics.median(seconds[UNMEASURED_STEPS:]))

@@ -26,7 +26,8 @@ from internal.coord import ForwardFacing, Space
 from internal.editing import NEUTRAL
 from internal.errors import Diverged
 from internal.models import Histogram, Level, LitRendering, Model
-from internal.sampler import Batch, PixelSource, step_keys
+from internal.sampler import Batch, PixelSource, pixel_source, step_keys
+from internal.scene import Scene
 
 Params = Any  # flax's nested dictionary of arrays by module name
 Terms = dict[str, Float[Array, ""]]  # weighted loss terms by name
@@ -267,6 +268,24 @@ def make_train_step(
         return kept, StepStats(terms, grad_norms, psnr(error), finite)
 
     return train_step
+
+
+def compiled_step(
+    config: Config, model: Model, scene: Scene, mesh: jax.sharding.Mesh
+) -> Callable[[TrainState, int], tuple[TrainState, StepStats]]:
+    """The train step on a scene, as a function of the state and the finished steps.
+
+    The state it is given is used up. Pictures lie on the devices, or are fed from the
+    host when too large; ``scene`` is the training split.
+    """
+    pixels_of_step = pixel_source(
+        scene.images, scene.cameras, mesh, config.train, config.max_image_memory
+    )
+    cameras, space = parallel.replicate((scene.cameras, scene.space), mesh)
+    train_step = jax.jit(
+        make_train_step(config, model, mesh, scene.brightness), donate_argnums=0
+    )
+    return lambda state, done: train_step(state, cameras, space, pixels_of_step(done))
 
 
 def mean_over_parts(
