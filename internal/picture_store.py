@@ -48,22 +48,22 @@ class PictureStore(Sequence[Picture]):
     def __init__(self, *parts: Iterable[Picture]) -> None:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115, lives with the store
         self._shapes: list[tuple[int, ...]] = []
-        self._starts: list[int] = []
-        end = 0
+        starts = [0]
         try:
             for part in parts:
                 for picture in part:
                     self._file.write(np.ascontiguousarray(picture).data)
                     self._shapes.append(picture.shape)
-                    self._starts.append(end)
-                    end += picture.size
+                    starts.append(starts[-1] + picture.size)
             self._file.flush()
         except OSError as error:
             raise UserError(
                 f"{tempfile.gettempdir()}: pictures do not fit ({error.strerror}); "
                 "free space, set TMPDIR, or raise Config.factor"
             ) from error
-        self.nbytes = 2 * end
+        self._starts = np.array(starts[:-1])
+        self._widths = np.array([shape[1] for shape in self._shapes])
+        self.nbytes = 2 * starts[-1]
 
     def __len__(self) -> int:
         return len(self._shapes)
@@ -77,7 +77,7 @@ class PictureStore(Sequence[Picture]):
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         shape = self._shapes[index]
-        offset = 2 * self._starts[index]
+        offset = 2 * int(self._starts[index])
         return np.array(np.memmap(self._file, np.uint16, "r", offset, shape))
 
     def pixels(
@@ -87,8 +87,7 @@ class PictureStore(Sequence[Picture]):
         y: Int[np.ndarray, "*b"],
     ) -> UInt16[np.ndarray, "*b 3"]:
         """Single pixels, by view, column and row."""
-        widths = np.array([shape[1] for shape in self._shapes])
-        first = np.array(self._starts)[view] + 3 * (y * widths[view] + x)
+        first = self._starts[view] + 3 * (y * self._widths[view] + x)
         handle = self._file.fileno()
         pixels = [os.pread(handle, 6, 2 * start) for start in first.ravel().tolist()]
         return np.frombuffer(b"".join(pixels), np.uint16).reshape(*first.shape, 3)
