@@ -41,7 +41,7 @@ def contact_sheet(
         UserError: the font of OpenImageIO's wheel is missing.
     """
     pictures = [picture for row in rows for picture in row]
-    factor = -(-LEGIBLE_WIDTH // max(picture.shape[1] for picture in pictures))
+    factor = legible_factor(max(picture.shape[1] for picture in pictures))
     height = factor * max(picture.shape[0] for picture in pictures)
     width = factor * max(picture.shape[1] for picture in pictures)
     margin = max(image_io.text_width(label, FONT_SIZE) for label in row_labels)
@@ -55,6 +55,18 @@ def contact_sheet(
         for label, row in zip(row_labels, rows, strict=True)
     ]
     return _below([_beside(head), *body])
+
+
+def legible_factor(width: int) -> int:
+    """The whole factor that makes a picture about ``LEGIBLE_WIDTH`` wide, or 1."""
+    return -(-LEGIBLE_WIDTH // width)
+
+
+def enlarged(
+    picture: Float[np.ndarray, "_height _width 3"], factor: int
+) -> Float[np.ndarray, "_height _width 3"]:
+    """The picture in blocks of ``factor`` by ``factor`` pixels."""
+    return picture.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
 def side_by_side(
@@ -74,7 +86,7 @@ def side_by_side(
 def _cell(
     picture: Float[np.ndarray, "_height _width 3"], factor: int, height: int, width: int
 ) -> Float[np.ndarray, "{height} {width} 3"]:
-    large = picture.repeat(factor, axis=0).repeat(factor, axis=1)
+    large = enlarged(picture, factor)
     cell = _blank(height, width)
     cell[: large.shape[0], : large.shape[1]] = large
     return cell

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from internal.contact_sheet import BACKGROUND, LEGIBLE_WIDTH, contact_sheet
+from internal.contact_sheet import BACKGROUND, contact_sheet, enlarged, legible_factor
 
 CROP_PART = 4  # a crop that is found is this part of the picture, either way
 FRAME = 2  # pixels of the figure
@@ -76,7 +76,7 @@ def figure(
     Frames of the same colour show on the first picture where they come from.
     """
     columns = min(columns, len(pictures))
-    factor = -(-LEGIBLE_WIDTH // pictures[0][1].shape[1])
+    factor = legible_factor(pictures[0][1].shape[1])
     labels = [label for label, _ in pictures]
     shown = [
         _with_details(picture, crops, factor, framed=index == 0)
@@ -96,7 +96,7 @@ def _with_details(
     picture: Picture, crops: Sequence[Crop], factor: int, *, framed: bool
 ) -> Picture:
     """The enlarged picture over a strip of its crops; no strip without crops."""
-    whole = _enlarged(picture, factor)
+    whole = enlarged(picture, factor)
     height, width, _ = whole.shape
     if framed:
         for crop, color in zip(crops, FRAME_COLORS, strict=False):
@@ -108,7 +108,7 @@ def _with_details(
     details = []
     for crop, color in zip(crops, FRAME_COLORS, strict=False):
         fill = min(cell // crop.width, height // crop.height)
-        details.append(_enlarged(crop.of(picture), max(fill, 1)))
+        details.append(enlarged(crop.of(picture), max(fill, 1)))
         _draw_frame(details[-1], color)
     strip_height = FRAME + max(len(detail) for detail in details)
     strip = np.full((strip_height, width, 3), BACKGROUND, np.float32)
@@ -116,10 +116,6 @@ def _with_details(
         share = strip[FRAME:, index * cell : (index + 1) * cell]
         share[: len(detail), : detail.shape[1]] = detail[:, :cell]
     return np.concatenate([whole, strip])
-
-
-def _enlarged(picture: Picture, factor: int) -> Picture:
-    return picture.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
 def _draw_frame(picture: Picture, color: tuple[float, float, float]) -> None:

@@ -8,10 +8,11 @@ The record beside the content states the settings it was made with and facts abo
 it, so that a second run with the same settings costs nothing.
 """
 
+import contextlib
 import json
 import os
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,22 +45,18 @@ def make_folder(
     Raises:
         UserError: other things are in the way, or the folder cannot be written.
     """
-    settings = json.loads(json.dumps(settings))
     record = _own_record(folder, settings, overwrite=overwrite)
     if record and not overwrite:
         return record["facts"]
     partial = folder.with_name(f".partial-{folder.name}-{os.getpid()}")
     try:
-        partial.mkdir(parents=True)
-        facts = fill(partial)
-        _write_record(partial, settings, facts)
-        if record:
-            shutil.rmtree(folder)
-        partial.replace(folder)
-    except OSError as error:
-        raise UserError(
-            f"{folder}: cannot write ({error.strerror}); free space or pick a folder"
-        ) from error
+        with _naming(folder):
+            partial.mkdir(parents=True)
+            facts = fill(partial)
+            _write_record(partial, settings, facts)
+            if record:
+                shutil.rmtree(folder)
+            partial.replace(folder)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return facts
@@ -81,19 +78,14 @@ def begin_folder(
     Raises:
         UserError: other things are in the way, or the folder cannot be written.
     """
-    settings = json.loads(json.dumps(settings))
     record = _own_record(folder, settings, overwrite=overwrite)
     if record and not overwrite:
         return record["facts"]
-    try:
+    with _naming(folder):
         if record:
             shutil.rmtree(folder)
         folder.mkdir(parents=True, exist_ok=True)
         _write_record(folder, settings, None)
-    except OSError as error:
-        raise UserError(
-            f"{folder}: cannot write ({error.strerror}); free space or pick a folder"
-        ) from error
     return None
 
 
@@ -108,6 +100,7 @@ def _own_record(
     folder: Path, settings: Mapping[str, Any], *, overwrite: bool
 ) -> dict[str, Any] | None:
     """The record of a folder that may be used with these settings, if it has one."""
+    settings = json.loads(json.dumps(settings))  # as a record holds them
     record = _read_record(folder)
     if record is None and folder.exists() and _is_occupied(folder):
         raise UserError(f"{folder}: not made by this program; choose another folder")
@@ -117,6 +110,17 @@ def _own_record(
             "choose another folder, or --overwrite"
         )
     return record
+
+
+@contextlib.contextmanager
+def _naming(folder: Path) -> Iterator[None]:
+    """Turns what goes wrong while writing into a ``UserError`` about ``folder``."""
+    try:
+        yield
+    except OSError as error:
+        raise UserError(
+            f"{folder}: cannot write ({error.strerror}); free space or pick a folder"
+        ) from error
 
 
 def _write_record(
