@@ -6,9 +6,6 @@ python -m benchmarks.time_to_quality DATA_DIR OUT --minutes 1 2 5 10 [--factor 2
 """
 
 import argparse
-import json
-import subprocess
-import sys
 from pathlib import Path
 
 from benchmarks import workload
@@ -39,15 +36,10 @@ def main() -> None:
         bindings = [
             f"Config.data_dir = {flags.data_dir!r}",
             f"Config.factor = {flags.factor}",
-            f"Config.checkpoint_dir = {str(run)!r}",
             f"Config.max_minutes = {minutes}",
             *flags.gin_bindings,
         ]
-        arguments = [f"--gin_configs={flags.gin_configs}"]
-        arguments += [f"--gin_bindings={binding}" for binding in bindings]
-        for script in ("train.py", "eval.py"):
-            subprocess.run([sys.executable, script, *arguments], check=True)
-        scores = json.loads((run / "eval" / "metrics.json").read_text())
+        scores = workload.scores(run, flags.gin_configs, bindings)
         mean = scores["mean"]
         cells = [f"{mean[kind][name]:.3f}" for kind, name in COLUMNS if kind in mean]
         rows.append((f"{minutes:g}", scores["step"], *cells))

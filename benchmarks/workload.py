@@ -4,17 +4,22 @@
 import contextlib
 import dataclasses
 import io
+import json
 import resource
 import statistics
+import sys
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import jax
 
-from internal import cli, configs, parallel, sampler
+from internal import cli, configs, evaluation, parallel, sampler
 from internal.configs import Config
 from internal.models import Model
+from internal.pages import Table
+from internal.scored_run import train_and_score
 from internal.training import TrainState, initial_state, make_train_step
 
 FAST = "configs/llnerf_fast.gin"
@@ -84,5 +89,13 @@ def peak_memory() -> float:
 
 def markdown(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """A Markdown table."""
-    lines = [headers, ["---"] * len(headers), *rows]
-    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
+    texts = tuple(tuple(map(str, row)) for row in rows)
+    return evaluation.as_text(Table("", "", tuple(headers), texts))
+
+
+def scores(run: Path, gin_config: str, gin_bindings: Sequence[str]) -> dict:
+    """``metrics.json`` of a training, which is not run again if it was done before."""
+    code = train_and_score(run, [gin_config], gin_bindings)
+    if code:
+        sys.exit(code)
+    return json.loads((run / "eval" / "metrics.json").read_text())
