@@ -9,6 +9,17 @@ from internal.errors import UserError
 
 
 @contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Turns an ``OSError`` of writing into a ``UserError`` that names ``path``."""
+    try:
+        yield
+    except OSError as error:
+        raise UserError(
+            f"{path}: cannot write ({error.strerror}); free space or pick a folder"
+        ) from error
+
+
+@contextlib.contextmanager
 def writing(path: Path) -> Iterator[Path]:
     """Yields the name to write to, in the same folder, and then renames it to ``path``.
 
@@ -19,12 +30,9 @@ def writing(path: Path) -> Iterator[Path]:
     """
     partial = path.with_name(f".partial-{path.name}")
     try:
-        yield partial
-        partial.replace(path)
-    except OSError as error:
-        raise UserError(
-            f"{path}: cannot write ({error.strerror}); free space or pick a folder"
-        ) from error
+        with naming(path):
+            yield partial
+            partial.replace(path)
     finally:
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)

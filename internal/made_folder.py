@@ -8,15 +8,14 @@ The record beside the content states the settings it was made with and facts abo
 it, so that a second run with the same settings costs nothing.
 """
 
-import contextlib
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from internal.atomic import writing
+from internal.atomic import naming, writing
 from internal.errors import UserError
 
 RECORD = "made_with.json"
@@ -50,7 +49,7 @@ def make_folder(
         return record["facts"]
     partial = folder.with_name(f".partial-{folder.name}-{os.getpid()}")
     try:
-        with _naming(folder):
+        with naming(folder):
             partial.mkdir(parents=True)
             facts = fill(partial)
             _write_record(partial, settings, facts)
@@ -81,7 +80,7 @@ def begin_folder(
     record = _own_record(folder, settings, overwrite=overwrite)
     if record and not overwrite:
         return record["facts"]
-    with _naming(folder):
+    with naming(folder):
         if record:
             shutil.rmtree(folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -110,17 +109,6 @@ def _own_record(
             "choose another folder, or --overwrite"
         )
     return record
-
-
-@contextlib.contextmanager
-def _naming(folder: Path) -> Iterator[None]:
-    """Turns what goes wrong while writing into a ``UserError`` about ``folder``."""
-    try:
-        yield
-    except OSError as error:
-        raise UserError(
-            f"{folder}: cannot write ({error.strerror}); free space or pick a folder"
-        ) from error
 
 
 def _write_record(
