@@ -5,6 +5,11 @@ python eval.py with the flags of train.py writes CHECKPOINT_DIR/eval: pictures i
 folder per output (enhanced/, dark/, v/, ...), metrics.json and index.html.
 """
 
+if __name__ == "__main__":  # before the imports: they would happen twice
+    from internal import process
+
+    process.restart_tuned()
+
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +23,6 @@ from internal import (
     image_io,
     pages,
     parallel,
-    process,
     progress,
     report,
     run_folder,
@@ -88,5 +92,4 @@ def _section(output: str, media: list[tuple[str, str]]) -> pages.Section:
 
 
 if __name__ == "__main__":
-    process.restart_tuned()
     cli.run_script(main)

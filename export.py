@@ -6,6 +6,11 @@ python export.py with the flags of train.py writes CHECKPOINT_DIR/export: points
 pictures that NeRF and splatting tools train on. The light is that of render.py.
 """
 
+if __name__ == "__main__":  # before the imports: they would happen twice
+    from internal import process
+
+    process.restart_tuned()
+
 import argparse
 import dataclasses
 from collections.abc import Sequence
@@ -13,7 +18,7 @@ from pathlib import Path
 
 import jax
 
-from internal import cli, made_folder, pages, parallel, process
+from internal import cli, made_folder, pages, parallel
 from internal.checkpoints import load_trained
 from internal.export import folder as export_folder
 from internal.export import shapes
@@ -81,5 +86,4 @@ def main(argv: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    process.restart_tuned()
     cli.run_script(main)

@@ -8,6 +8,11 @@ file), "Render.exposure = 0.5" (stops), "Render.temperature = 4000.0" (kelvin),
 "Render.contrast = 1.2". Run again, it renders what is missing.
 """
 
+if __name__ == "__main__":  # before the imports: they would happen twice
+    from internal import process
+
+    process.restart_tuned()
+
 import dataclasses
 import json
 from collections.abc import Sequence
@@ -22,7 +27,6 @@ from internal import (
     image_io,
     pages,
     parallel,
-    process,
     progress,
     run_folder,
     video,
@@ -98,5 +102,4 @@ def forget_other_frames(folder: Path, settings: dict[str, float]) -> None:
 
 
 if __name__ == "__main__":
-    process.restart_tuned()
     cli.run_script(main)

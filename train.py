@@ -9,11 +9,16 @@ Several processes or hosts: the same command on each, with --coordinator,
 --num_processes and --process_id.
 """
 
+if __name__ == "__main__":  # before the imports: they would happen twice
+    from internal import process
+
+    process.restart_tuned()
+
 from collections.abc import Sequence
 
 import jax
 
-from internal import budget, cli, parallel, process, progress
+from internal import budget, cli, parallel, progress
 from internal.checkpoints import Checkpoints
 from internal.models import Model
 from internal.preview import Preview
@@ -74,5 +79,4 @@ def main(argv: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    process.restart_tuned()
     cli.run_script(main)

@@ -6,11 +6,16 @@ while training goes on and then shows newer checkpoints as they come. Snapshots 
 camera paths go to CHECKPOINT_DIR/view, in the form that render.py takes.
 """
 
+if __name__ == "__main__":  # before the imports: they would happen twice
+    from internal import process
+
+    process.restart_tuned()
+
 import argparse
 import importlib.util
 from collections.abc import Sequence
 
-from internal import cli, process
+from internal import cli
 from internal.errors import UserError
 
 
@@ -39,5 +44,4 @@ def main(argv: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    process.restart_tuned()
     cli.run_script(main)

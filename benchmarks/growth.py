@@ -6,6 +6,11 @@ python -m benchmarks.growth DATA_DIR [--factor 2]
 Each row is a process of its own, so that cores and devices can be limited.
 """
 
+if __name__ == "__main__":  # before the imports: they would happen twice
+    from internal import process
+
+    process.restart_tuned()
+
 import argparse
 import json
 import os
@@ -14,7 +19,6 @@ import subprocess
 import sys
 
 from benchmarks import workload
-from internal import process
 
 CASES = (  # label, cores, devices, bindings
     ("as shipped", 2, 1, ()),
@@ -74,5 +78,4 @@ def measure(data_dir: str, factor: int, case: int) -> None:
 
 
 if __name__ == "__main__":
-    process.restart_tuned()
     main()

@@ -6,6 +6,11 @@ python -m benchmarks.render_speed DATA_DIR [--factor 2]
 An untrained field costs what a trained one does: nothing is skipped.
 """
 
+if __name__ == "__main__":  # before the imports: they would happen twice
+    from internal import process
+
+    process.restart_tuned()
+
 import argparse
 import time
 from collections.abc import Callable
@@ -14,7 +19,7 @@ from pathlib import Path
 import jax
 
 from benchmarks import workload
-from internal import configs, parallel, process
+from internal import configs, parallel
 from internal.models import LitRendering, Model, Rendering
 from internal.renderer import Renderer
 from internal.scene import load_scene
@@ -75,5 +80,4 @@ def timed(renderer: Renderer, params: dict) -> Callable[[], float]:
 
 
 if __name__ == "__main__":
-    process.restart_tuned()
     main()

@@ -7,6 +7,11 @@ Times of compiled operations are summed by the module they came from; the profil
 slows them down a little, so shares are what counts.
 """
 
+if __name__ == "__main__":  # before the imports: they would happen twice
+    from internal import process
+
+    process.restart_tuned()
+
 import argparse
 import collections
 import glob
@@ -18,7 +23,6 @@ import jax
 import jax.numpy as jnp
 
 from benchmarks import workload
-from internal import process
 
 STEPS = 10
 # First match wins, on "operation name | where it came from".
@@ -104,5 +108,4 @@ def product_rate(m: int, k: int, n: int) -> float:
 
 
 if __name__ == "__main__":
-    process.restart_tuned()
     main()
