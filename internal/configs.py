@@ -36,7 +36,9 @@ class ModelConfig:
     deg_view: int = 4
     head_width: int = 128  # hidden width of F1, F2 and phi
     density_noise: float = 1.0  # std, training only
+    enhancement: str = "gamma"  # Eq. 4 at each sample; tone: one curve per scene
     gamma0: float = 2.2  # paper, Eq. 4
+    tone_contrast: float = 1.3  # exponent of the tone curve
 
 
 @configurable("Losses")
@@ -50,8 +52,10 @@ class LossConfig:
     coarse: float = 0.1  # data term of the levels before the last
     interlevel: float = 1.0  # of proposals, where the field has them
     distortion: float = 0.01
-    exposure: float = 0.1  # L_c1
+    exposure: float = 0.1  # L_c1; of a tone curve: of its metering
     exposure_target: float = 0.55  # e, sRGB
+    colorfulness: float = 0.0  # of a tone curve alone
+    least_colorfulness: float = 0.14  # sRGB
     gray: float = 0.1  # L_c2; lambda_1 = gray / exposure
     gray_bias: float = 0.5  # beta_1
     gamma_norm: float = 0.01  # L_c3; lambda_2 = gamma_norm / exposure
@@ -173,8 +177,11 @@ def _check(config: Config) -> None:
         "Model.ray_shape: auto, cone or cylinder": model.ray_shape
         in ("auto", "cone", "cylinder"),
         "Train.neighbors: 0 or 2": train.neighbors in (0, 2),
-        "Train.neighbors = 2 for the smoothness loss of a decomposition": (
-            train.neighbors == 2 or not model.decomposition
+        "Model.enhancement: gamma or tone": model.enhancement in ("gamma", "tone"),
+        "Train.neighbors = 2 for the smoothness loss of the gamma enhancement": (
+            train.neighbors == 2
+            or not model.decomposition
+            or model.enhancement == "tone"
         ),
         "Train.max_steps >= 1": train.max_steps >= 1,
         "Train.batch_size >= 1": train.batch_size >= 1,

@@ -34,6 +34,24 @@ def exposure_loss(enhanced: Float[Array, "*b 3"], *, target: float) -> Float[Arr
     return jnp.mean((jnp.mean(enhanced, axis=-1) - target) ** 2)
 
 
+def metering_loss(enhanced: Float[Array, "*b 3"], *, target: float) -> Float[Array, ""]:
+    """(E[max_c c_hat] - e)^2: exposes the scene as a whole, not each pixel.
+
+    The largest channel is what a photographer keeps from clipping; over normal photos
+    its mean varies half as much as that of all channels (docs/experiments.md).
+    """
+    return (jnp.mean(jnp.max(enhanced, axis=-1)) - target) ** 2
+
+
+def colorfulness_loss(
+    enhanced: Float[Array, "*b 3"], *, least: float
+) -> Float[Array, ""]:
+    """max(least - E[max_c c_hat - min_c c_hat], 0)^2: asks a scene that is paler
+    than normal photos for more colour, and no other."""
+    spread = jnp.max(enhanced, axis=-1) - jnp.min(enhanced, axis=-1)
+    return jnp.maximum(least - jnp.mean(spread), 0.0) ** 2
+
+
 def gray_world_loss(
     enhanced: Float[Array, "*b 3"], r: Float[Array, "*b 3"], *, bias: float
 ) -> Float[Array, ""]:

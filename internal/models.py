@@ -4,7 +4,7 @@
 Rays are flat, ``[rays, ...]``. A ``Space`` says where the samples lie.
 """
 
-from typing import Literal
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -29,6 +29,7 @@ from internal.heads import (
     PlainField,
 )
 from internal.rendering import composite, compute_weights
+from internal.tone import Meter, develop
 
 
 @struct.dataclass
@@ -63,6 +64,12 @@ class LitRendering(Rendering):
     v: Float[Array, "*rays 1"]
     r: Float[Array, "*rays 3"]
     v_enhanced: Float[Array, "*rays 3"]  # v_hat
+
+
+@struct.dataclass
+class GammaRendering(LitRendering):
+    """One that Eq. 4 lit, with its composited coefficients."""
+
     alpha: Float[Array, "*rays 1"]
     gamma: Float[Array, "*rays 3"]
     gamma_energy: Float[Array, "*rays 1"]  # composited |gamma|^2
@@ -80,7 +87,8 @@ class Model(nn.Module):
         self.proposal = self.config.field.proposal()
         if self.config.decomposition:
             self.field = DecomposedField(self.config)
-            self.phi = Phi(self.config)
+            tone = self.config.enhancement == "tone"
+            self.phi: Any = Meter() if tone else Phi(self.config)
         else:
             self.field = PlainField(self.config)
 
@@ -138,18 +146,45 @@ class Model(nn.Module):
         return levels
 
     def light_up(self, level: Level, space: Space, edit: LightEdit) -> LitRendering:
-        """Enhances v along the rays and composites (paper, Eqs. 4 and 5).
+        """Enhances what a level saw, as ``config.enhancement`` says.
 
         Weights, v and r are stopped: the enhancement's losses teach phi alone and
         cannot move the geometry or the decomposition.
         """
+        if self.config.enhancement == "tone":
+            return self._light_up_pixels(level, space, edit)
+        return self._light_up_samples(level, space, edit)
+
+    def _light_up_pixels(
+        self, level: Level, space: Space, edit: LightEdit
+    ) -> LitRendering:
+        """One tone curve of the composited colour; v_hat is its quotient by r."""
+        samples = level.samples
+        assert isinstance(samples, Decomposed)
+        weights, v, r = stop_gradient((level.weights, samples.v, samples.r))
+        dark = stop_gradient(level.rgb)
+        enhanced = develop(dark, self.phi(), self.config.tone_contrast, edit)
+        basis = composite(weights, r)
+        return LitRendering(
+            rgb=level.rgb,
+            depth=depth(space, level),
+            enhanced=enhanced,
+            v=composite(weights, v),
+            r=basis,
+            v_enhanced=enhanced / jnp.maximum(basis, 1e-6),
+        )
+
+    def _light_up_samples(
+        self, level: Level, space: Space, edit: LightEdit
+    ) -> GammaRendering:
+        """Enhances v along the rays and composites (paper, Eqs. 4 and 5)."""
         samples = level.samples
         assert isinstance(samples, Decomposed)
         weights, v, r = stop_gradient((level.weights, samples.v, samples.r))
         coefficients: Coefficients = self.phi(v, samples.features)
         v_hat = phi(v, coefficients, self.config.gamma0, edit)
         gamma_energy = jnp.sum(coefficients.gamma**2, axis=-1, keepdims=True)
-        return LitRendering(
+        return GammaRendering(
             rgb=level.rgb,
             depth=depth(space, level),
             enhanced=composite(weights, v_hat * r),

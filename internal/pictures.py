@@ -9,7 +9,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from internal.models import LitRendering, Rendering
+from internal.models import GammaRendering, LitRendering, Rendering
 
 Picture = Float[np.ndarray, "height width 3"]
 
@@ -63,9 +63,9 @@ def pictures(
             "v": rendering.v / display.v,
             "r": rendering.r / display.r,
             "v_enhanced": rendering.v_enhanced / display.v_enhanced,
-            "alpha": rendering.alpha,
-            "gamma": rendering.gamma,
         }
+    if isinstance(rendering, GammaRendering):
+        shown |= {"alpha": rendering.alpha, "gamma": rendering.gamma}
     return {
         name: np.clip(np.broadcast_to(shown[name], rendering.rgb.shape), 0.0, 1.0)
         for name in EXPLANATIONS

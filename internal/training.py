@@ -25,7 +25,7 @@ from internal.configs import Config, LossConfig, OptimizerConfig, TrainConfig
 from internal.coord import ForwardFacing, Space
 from internal.editing import NEUTRAL
 from internal.errors import Diverged
-from internal.models import Histogram, Level, LitRendering, Model
+from internal.models import GammaRendering, Histogram, Level, LitRendering, Model
 from internal.sampler import Batch, PixelSource, pixel_source, step_keys
 from internal.scene import Scene
 
@@ -150,8 +150,18 @@ def field_terms(
     return terms
 
 
+def tone_terms(config: LossConfig, rendering: LitRendering) -> Terms:
+    """Weighted terms that meter a tone curve."""
+    return {
+        "exposure": config.exposure
+        * losses.metering_loss(rendering.enhanced, target=config.exposure_target),
+        "colorfulness": config.colorfulness
+        * losses.colorfulness_loss(rendering.enhanced, least=config.least_colorfulness),
+    }
+
+
 def phi_terms(
-    config: LossConfig, rendering: LitRendering, patches: int, neighbors: int
+    config: LossConfig, rendering: GammaRendering, patches: int, neighbors: int
 ) -> Terms:
     """Weighted terms that teach phi: L_c and L_s of the paper."""
     members = (patches, neighbors + 1, -1)
@@ -212,8 +222,11 @@ def make_train_step(
         params: Params, level: Level, space: Space
     ) -> tuple[Float[Array, ""], Terms]:
         rendering = light_up({"params": {"phi": params}}, level, space, NEUTRAL)
-        patches = train.batch_size // train.passes
-        terms = phi_terms(config.losses, rendering, patches, train.neighbors)
+        if isinstance(rendering, GammaRendering):
+            patches = train.batch_size // train.passes
+            terms = phi_terms(config.losses, rendering, patches, train.neighbors)
+        else:
+            terms = tone_terms(config.losses, rendering)
         return sum(terms.values(), jnp.zeros(())), terms
 
     def gradients(

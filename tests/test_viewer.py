@@ -21,7 +21,7 @@ from internal.colmap import lens_directions
 from internal.editing import light_edit
 from internal.errors import UserError
 from internal.looks import Look
-from internal.models import LitRendering
+from internal.models import GammaRendering, LitRendering
 from internal.pictures import Display
 from internal.scene import load_scene
 from internal.viewer import takes
@@ -42,7 +42,7 @@ NOWHERE = 9.0
 
 def rendering(count: int, level: float = 0.5) -> LitRendering:
     one, three = jnp.full((count, 1), level), jnp.full((count, 3), level)
-    return LitRendering(
+    return GammaRendering(
         rgb=three / 10, depth=one, enhanced=three, v=one, r=three, v_enhanced=three,
         alpha=one, gamma=three, gamma_energy=one,
     )  # fmt: skip
@@ -189,7 +189,7 @@ def test_rays_without_a_colour_are_black():
 
 def jax_like(flat, height, width):
     values = {n: jnp.reshape(x, (height, width, -1)) for n, x in vars(flat).items()}
-    return LitRendering(**values)
+    return GammaRendering(**values)
 
 
 def test_a_photo_through_its_own_lens_is_the_photo():

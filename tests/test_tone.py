@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tone curve: its laws, its metering, and a model that is lit by it."""
+
+import chex
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from internal import losses
+from internal.cameras import cast_rays
+from internal.configs import load_config
+from internal.editing import LUMINANCE_WEIGHTS, NEUTRAL, light_edit
+from internal.image import linear_to_srgb, srgb_to_linear
+from internal.models import GammaRendering, Model
+from internal.tone import Tone, develop, response, saturate
+from internal.training import initial_state
+from tests.conftest import TINY_MODEL
+from tests.test_training import make_run
+
+DARK = jnp.array([[0.02, 0.03, 0.01], [0.1, 0.08, 0.12], [0.0, 0.0, 0.0]])
+BRIGHT = Tone(jnp.float32(5.0), jnp.float32(1.3))
+TINY_TONE = (
+    *TINY_MODEL,
+    "Model.enhancement = 'tone'",
+    "Losses.exposure = 1.0",
+    "Losses.exposure_target = 0.5",
+    "Train.neighbors = 0",
+    "Train.batch_size = 24",
+    "Optimizer.phi_lr_init = 0.3",
+    "Optimizer.phi_lr_final = 0.03",
+)
+
+
+def test_response_by_hand():
+    # x = 4, n = 1.5: 8 / 9
+    got = response(jnp.array([[4.0, 1.0, 0.0]]), 1.5)
+    np.testing.assert_allclose(got, [[8 / 9, 0.5, 0.0]], atol=1e-6)
+
+
+def test_response_rises_everywhere_and_never_reaches_white():
+    x = jnp.geomspace(1e-6, 100.0, 50)[:, None] * jnp.ones(3)
+    y = response(x, 1.3)
+    assert jnp.all(jnp.diff(y, axis=0) > 0) and jnp.all(y < 1)
+
+
+def test_saturation_keeps_luminance_and_gray_and_one_is_identity():
+    gray = jnp.full((1, 3), 0.2)
+    np.testing.assert_allclose(saturate(gray, jnp.float32(2.0)), gray, rtol=1e-6)
+    np.testing.assert_allclose(saturate(DARK, jnp.float32(1.0)), DARK, atol=1e-7)
+    vivid = saturate(DARK, jnp.float32(1.5))
+    luminances = vivid @ LUMINANCE_WEIGHTS, DARK @ LUMINANCE_WEIGHTS
+    np.testing.assert_allclose(*luminances, rtol=1e-5)
+    assert jnp.ptp(vivid[0]) > jnp.ptp(DARK[0])
+
+
+def test_develop_is_gain_then_response_in_linear_light():
+    tone = Tone(jnp.float32(5.0), jnp.float32(1.0))
+    expected = linear_to_srgb(response(32.0 * srgb_to_linear(DARK), 1.3))
+    np.testing.assert_allclose(develop(DARK, tone, 1.3, NEUTRAL), expected, rtol=1e-5)
+
+
+def test_strength_goes_from_the_dark_colour_to_the_developed_one():
+    def lit(strength):
+        return develop(DARK, BRIGHT, 1.3, light_edit(strength=strength))[:2]
+
+    np.testing.assert_allclose(lit(0.0), DARK[:2], rtol=1e-6)
+    assert jnp.all((lit(0.0) < lit(0.5)) & (lit(0.5) < lit(1.0)))
+
+
+def test_develop_has_finite_gradients_in_the_dark():
+    def brightness(dark, tone):
+        return jnp.mean(develop(dark, tone, 1.3, NEUTRAL))
+
+    gradients = jax.grad(brightness, argnums=(0, 1))(DARK, BRIGHT)
+    assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves(gradients))
+
+
+def test_metering_loss_meters_the_scene_and_not_each_pixel():
+    contrasty = jnp.array([[0.1, 0.3, 0.2], [0.9, 0.5, 0.0]])
+    assert losses.metering_loss(contrasty, target=0.6) == pytest.approx(0, abs=1e-12)
+    assert losses.metering_loss(contrasty, target=0.5) == pytest.approx(0.01)
+
+
+def test_colorfulness_loss_asks_only_pale_scenes():
+    pale, vivid = jnp.array([[0.5, 0.46, 0.4]]), jnp.array([[0.9, 0.5, 0.2]])
+    assert losses.colorfulness_loss(pale, least=0.14) == pytest.approx(0.04**2)
+    assert losses.colorfulness_loss(vivid, least=0.14) == 0.0
+
+
+def test_metering_finds_the_exposure_and_leaves_the_field(
+    tiny_cameras, tiny_images, ndc
+):
+    config = load_config([], [*TINY_TONE, "Train.max_steps = 150"])
+    run, state = make_run(config, tiny_cameras, tiny_images, ndc, jax.devices()[:1])
+    before, _ = run(state, 3)
+    chex.assert_trees_all_equal(before.params["phi"], state.params["phi"])
+    _, stats = run(before, 147)
+    assert stats.terms["exposure"] < 0.05**2  # few pixels: noisy
+    plain = load_config([], [*TINY_TONE, "Losses.exposure = 0.0"])
+    unmetered, _ = make_run(plain, tiny_cameras, tiny_images, ndc, jax.devices()[:1])
+    quiet, loud = unmetered(state, 5)[0], run(state, 5)[0]
+    chex.assert_trees_all_equal(quiet.params["field"], loud.params["field"])
+
+
+def test_the_neutral_tone_model_has_no_alpha_and_v_hat_times_r_is_its_colour(
+    tiny_cameras, ndc
+):
+    config = load_config([], TINY_TONE)
+    model = Model(config.model)
+    params = {"params": initial_state(config, model).params}
+    index = jnp.arange(5)
+    rays = jax.jit(cast_rays)(tiny_cameras, ndc, index % 3, index, index)
+    got = jax.jit(model.apply)(params, rays, ndc, NEUTRAL)
+    assert not isinstance(got, GammaRendering)
+    np.testing.assert_allclose(got.v_enhanced * got.r, got.enhanced, rtol=1e-5)
