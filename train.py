@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trains a model on a scene of dark photos.
 
-python train.py --gin_configs=configs/llnerf_fast.gin \
+python train.py --gin_configs=configs/llnerf_best.gin \
     --gin_bindings="Config.data_dir = 'scenes/night'" \
     --gin_bindings="Config.checkpoint_dir = 'outputs/night'"
 

@@ -20,7 +20,7 @@ from internal.prepare.statistics import PhotoStatistics
 from internal.readers.base import SceneFiles
 from internal.scene_loading import fit_lenses, held_out
 
-TRAIN = "python train.py --gin_configs=configs/llnerf_fast.gin"
+TRAIN = "python train.py --gin_configs=configs/llnerf_best.gin"
 TRAINED_WIDTH = 500  # pixels: what a few minutes on a laptop train well
 
 
