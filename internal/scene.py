@@ -22,6 +22,7 @@ from internal.colmap import lens_directions
 from internal.coord import ForwardFacing, Unbounded
 from internal.errors import UserError
 from internal.extent import Bounds, Frame, choose_frame, find_bounds
+from internal.noise import Noise, estimate_noise
 from internal.picture_store import Picture, hold
 from internal.poses import transform_poses
 from internal.readers.base import SceneFiles
@@ -65,6 +66,11 @@ class Scene:
     def brightness(self) -> float:
         """Mean of the pictures, sRGB in [0, 1]."""
         return float(np.mean([image.mean() for image in self.images])) / UINT16_ONE
+
+    @functools.cached_property
+    def noise(self) -> Noise:
+        """Noise of the pictures, estimated from them."""
+        return estimate_noise(self.images)
 
 
 def load_scene(

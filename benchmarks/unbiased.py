@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bias and error of the learned dark scene: the paper's data term against ours.
+
+python -m benchmarks.unbiased night OUT [--denominators 10 30 60] [--steps 1500]
+python -m benchmarks.unbiased real DATA_DIR OUT [--factor 2] [--steps 2000]
+
+``night`` makes the synthetic scene at exposures 1/10, 1/30 and 1/60 and compares test
+views with the light that fell in; photos without noise show what is not noise's fault.
+``real`` compares them, after one gain to the truth's mean, with the truth where it is
+darkest. Trainings done before are kept.
+"""
+
+import argparse
+import dataclasses
+import functools
+import math
+from pathlib import Path
+
+import jax
+import numpy as np
+from jaxtyping import Float
+from skimage.metrics import structural_similarity
+
+from benchmarks import workload
+from internal import baselines, cli, night_scene, parallel, scored_run
+from internal.capture import CaptureModel
+from internal.checkpoints import load_trained
+from internal.image import from_uint16, linear_to_srgb, srgb_to_linear
+from internal.renderer import Renderer
+from internal.scene import Scene
+
+TERMS = {"paper": "ideal", "unbiased": "noisy"}  # Losses.observation
+DARKEST = 0.2  # part of the pixels
+VIEWS, WIDTH, HEIGHT = 30, 160, 120
+NIGHT_HEADERS = (
+    "exposure", "noise", "data term",
+    "bias R, G, B, levels", "of the darkest fifth", "10^-6 linear",
+    "RMSE, levels", "of the darkest fifth", "10^-6 linear",
+    "after the gain: bias, darkest fifth", "RMSE", "of the darkest fifth",
+)  # fmt: skip
+REAL_HEADERS = (
+    "data term",
+    "PSNR",
+    "SSIM",
+    "PSNR, darkest fifth",
+    "SSIM",
+    "bias R, G, B",
+)
+Pictures = Float[np.ndarray, "views height width 3"]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    night = commands.add_parser("night")
+    night.add_argument("out", type=Path)
+    night.add_argument("--denominators", type=int, nargs="+", default=[10, 30, 60])
+    night.add_argument("--steps", type=int, default=1500)
+    real = commands.add_parser("real")
+    real.add_argument("data_dir", type=Path)
+    real.add_argument("out", type=Path)
+    real.add_argument("--factor", type=int, default=2)
+    real.add_argument("--steps", type=int, default=2000)
+    flags = parser.parse_args()
+    print(night_table(flags) if flags.command == "night" else real_table(flags))
+
+
+def night_table(flags: argparse.Namespace) -> str:
+    """Errors against the light that fell in, by exposure, noise and term."""
+    rows = []
+    for denominator in flags.denominators:
+        noisy = CaptureModel(exposure=1 / denominator)
+        for camera, term in (
+            (noisy, "paper"),
+            (noisy, "unbiased"),
+            (dataclasses.replace(noisy, full_well=math.inf), "paper"),
+        ):
+            noise = "yes" if math.isfinite(camera.full_well) else "no"
+            folder = flags.out / f"{denominator}_noise_{noise}"
+            size = {"views": VIEWS, "width": WIDTH, "height": HEIGHT}
+            night_scene.write_scene(folder, camera, **size)
+            run = flags.out / f"{folder.name}_{term}"
+            _, dark = learned(folder, run, term, 1, flags.steps)
+            gains = np.float32(camera.channel_gains)
+            light = np.minimum(test_light() * camera.exposure * gains, 1.0)
+            cells = night_cells(dark, light, camera.exposure)
+            rows.append((f"1/{denominator}", noise, term, *cells))
+    return workload.markdown(NIGHT_HEADERS, rows)
+
+
+@functools.cache
+def test_light() -> Pictures:
+    """Linear light of the night scene's test views."""
+    poses = night_scene.make_cameras(VIEWS)
+    light = night_scene.render_views(poses, WIDTH, HEIGHT)
+    return light[:: night_scene.HOLDOUT]
+
+
+def night_cells(dark: Pictures, light: Pictures, exposure: float) -> list[str]:
+    """Signed means and root mean squares of the errors of dark sRGB pictures."""
+    linear = np.asarray(srgb_to_linear(dark))
+    levels = 255 * (dark - np.asarray(linear_to_srgb(light)))
+    lit = lit_up(linear, exposure) - lit_up(light, exposure)
+    dim = darkest(light)
+    return [
+        bias(levels), bias(levels[dim]), bias(1e6 * (linear - light)[dim]),
+        rms(levels), rms(levels[dim]), rms(1e6 * (linear - light)[dim]),
+        bias(lit[dim]), rms(lit), rms(lit[dim]),
+    ]  # fmt: skip
+
+
+def lit_up(linear: Pictures, exposure: float) -> np.ndarray:
+    """Levels after the gain that undoes the exposure."""
+    return 255 * np.clip(np.asarray(linear_to_srgb(linear / exposure)), 0, 1)
+
+
+def bias(errors: np.ndarray) -> str:
+    """The mean of each channel."""
+    means = errors.reshape(-1, 3).mean(axis=0)
+    return ", ".join(f"{x:+.3g}" for x in means)
+
+
+def rms(errors: np.ndarray) -> str:
+    return f"{np.sqrt(np.mean(np.square(errors))):.3g}"
+
+
+def real_table(flags: argparse.Namespace) -> str:
+    """Scores of all pixels and of the darkest fifth of the truth, after one gain."""
+    rows = []
+    for term in TERMS:
+        run = flags.out / term
+        scene, dark = learned(flags.data_dir, run, term, flags.factor, flags.steps)
+        truth = np.stack([from_uint16(picture) for picture in scene.truth])
+        pairs = list(zip(dark, truth, strict=True))
+        lit = np.stack([baselines.gain_to_mean(x, float(y.mean())) for x, y in pairs])
+        ssim = np.stack([similarity(x, y) for x, y in zip(lit, truth, strict=True)])
+        dim = np.stack([darkest(y) for y in truth])
+        cells = [psnr(lit - truth), f"{ssim.mean():.4f}"]
+        cells += [psnr((lit - truth)[dim]), f"{ssim[dim].mean():.4f}"]
+        rows.append((term, *cells, bias(255 * (lit - truth)[dim])))
+    return workload.markdown(REAL_HEADERS, rows)
+
+
+def psnr(errors: np.ndarray) -> str:
+    return f"{-10 * np.log10(np.mean(np.square(errors))):.2f}"
+
+
+def similarity(picture: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """SSIM of each pixel and channel, as ``metrics.ssim`` has it."""
+    window = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
+    options = {"channel_axis": -1, "data_range": 1.0, "full": True}
+    return structural_similarity(picture, truth, **window, **options)[1]
+
+
+def darkest(pictures: Float[np.ndarray, "*b 3"]) -> np.ndarray:
+    """Which pixels are of the darkest fifth, by the mean of their channels."""
+    mean = pictures.mean(axis=-1)
+    return mean <= np.quantile(mean, DARKEST)
+
+
+def learned(
+    data_dir: Path, run: Path, term: str, factor: int, steps: int
+) -> tuple[Scene, Pictures]:
+    """The test split and the dark pictures of its views, after a training."""
+    bindings = [
+        f"Config.data_dir = {str(data_dir)!r}",
+        f"Config.factor = {factor}",
+        f"Losses.observation = {TERMS[term]!r}",
+        f"Train.max_steps = {steps}",
+        f"Train.enhance_start = {steps - 100}",
+    ]
+    workload.scores(run, workload.FAST, bindings)
+    config = scored_run.config_of(run, [workload.FAST], bindings)
+    mesh = parallel.data_mesh(jax.device_count())
+    model, state = load_trained(config, mesh)
+    scene = cli.load_split(config, "test")
+    renderer = Renderer(model, scene.cameras, scene.space, mesh, config.render.chunk)
+    views = range(len(scene.view_names))
+    return scene, np.stack([renderer.view(state.params, v).rgb for v in views])
+
+
+if __name__ == "__main__":
+    main()
