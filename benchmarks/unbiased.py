@@ -14,6 +14,7 @@ import argparse
 import dataclasses
 import functools
 import math
+import sys
 from pathlib import Path
 
 import jax
@@ -169,7 +170,9 @@ def learned(
         f"Train.max_steps = {steps}",
         f"Train.enhance_start = {steps - 100}",
     ]
-    workload.scores(run, workload.FAST, bindings)
+    code = scored_run.run_script("train.py", run, [workload.FAST], bindings)
+    if code:
+        sys.exit(code)
     config = scored_run.config_of(run, [workload.FAST], bindings)
     mesh = parallel.data_mesh(jax.device_count())
     model, state = load_trained(config, mesh)

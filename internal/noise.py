@@ -22,18 +22,18 @@ from jax.lax import stop_gradient
 from jaxtyping import Float
 from scipy import ndimage, optimize, special, stats
 
-from internal import atomic
-from internal.image import from_uint16, srgb_to_linear
-from internal.picture_store import Picture
+from internal import atomic, image_io
+from internal.image import srgb_to_linear
 
 Observation = Callable[[Float[Array, "*b 3"]], Float[Array, "*b 3"]]
 
 LEVELS = np.arange(1, 256)
 NODES = np.linspace(0.0, 1.0, 4 * 255 + 1)  # sRGB, where expectations are tabulated
 ROUNDING = 1.0 / np.sqrt(12.0)  # standard deviation of rounding errors, levels
-MOST_PHOTOS = 16  # to estimate from
+MOST_PHOTOS, MOST_PIXELS = 16, 1000  # to estimate from; pixels of each side
 BLOCK = 8  # pixels; noise is measured in blocks and compared at equal brightness
-BINS = 24  # of brightness, with equally many blocks
+BINS = 24  # of brightness
+FEWEST_BLOCKS = 30  # of a bin
 ENVELOPE = 0.25  # quantile of blocks: most texture lies above
 # Laplacian of Immerkaer 1996: it leaves noise and removes planes and straight edges.
 # The answer to noise of deviation 1 has deviation 1.
@@ -95,10 +95,14 @@ def expected_photo(noise: Noise) -> Observation:
     return observe
 
 
-def estimate_noise(images: Sequence[Picture]) -> Noise:
-    """The noise of photos (uint16 sRGB), from some of them, evenly spread."""
-    chosen = images[:: -(-len(images) // MOST_PHOTOS)]
-    photos = [255.0 * from_uint16(np.asarray(photo)) for photo in chosen]
+def estimate_noise(paths: Sequence[Path]) -> Noise:
+    """The noise of photos, from the middles of some of them, evenly spread.
+
+    Files, because photos that were shrunk to train on show less noise than was
+    clipped before.
+    """
+    chosen = paths[:: -(-len(paths) // MOST_PHOTOS)]
+    photos = [255.0 * _middle(image_io.read_srgb(path)) for path in chosen]
     fits = [fit(*measure([photo[..., c] for photo in photos])) for c in range(3)]
     floor, growth = zip(*fits, strict=True)
     return Noise(floor, growth)
@@ -121,10 +125,15 @@ def measure(
     The variance is of a Laplacian's answers in blocks; of blocks that are equally
     bright, the quantile ``ENVELOPE`` stands for the ones without texture. It is
     divided by that quantile of pure noise, whose blocks scatter as chi-squared.
+    Bins lie evenly in the square root, along which the noise changes slowly; those
+    with few blocks are left out, all of them where photos are tiny.
     """
     means, variances = zip(*map(_blocks, channel), strict=True)
     mean, variance = np.concatenate(means), np.concatenate(variances)
-    bins = np.array_split(np.argsort(mean), min(BINS, len(mean)))
+    root = np.sqrt(mean)
+    edges = np.linspace(0.0, np.max(root, initial=1.0), BINS + 1)[1:-1]
+    members = [np.digitize(root, edges) == b for b in range(BINS)]
+    bins = [m for m in members if m.sum() >= FEWEST_BLOCKS]
     scatter = stats.chi2.ppf(ENVELOPE, FREEDOM) / FREEDOM
     return (
         np.array([mean[b].mean() for b in bins]),
@@ -138,8 +147,10 @@ def fit(
     """Floor and growth whose ``expectation`` is nearest to what photos show.
 
     Nearest in the logarithm of the variance; bins that stand out, such as those
-    without a single untextured block, count less (soft L1).
+    without a single untextured block, count less (soft L1). Without bins: no noise.
     """
+    if len(mean) == 0:
+        return 0.0, 0.0
 
     def misfit(logs: Float[np.ndarray, "2"]) -> Float[np.ndarray, " bins"]:
         expected_mean, expected = expectation(*np.exp(logs))
@@ -162,6 +173,15 @@ def record(folder: Path, noise: Noise) -> None:
     at_black = ", ".join(f"{np.sqrt(x) / level:.2f}" for x in noise.floor)
     growth = ", ".join(f"{x:.2g}" for x in noise.growth)
     print(f"noise: {at_black} levels at black (R, G, B), variance grows by {growth}")
+
+
+def _middle(
+    picture: Float[np.ndarray, "_height _width 3"],
+) -> Float[np.ndarray, "_h _w 3"]:
+    """At most ``MOST_PIXELS`` of each side."""
+    starts = [max(0, (size - MOST_PIXELS) // 2) for size in picture.shape[:2]]
+    rows, columns = (slice(start, start + MOST_PIXELS) for start in starts)
+    return picture[rows, columns]
 
 
 def _blocks(

@@ -53,6 +53,7 @@ class Scene:
     format: str
     split: str  # "train" or "test"
     view_names: tuple[str, ...]
+    image_paths: tuple[Path, ...]  # files of ``images``
     lenses: tuple[Lens, ...]  # at the size of ``images``
     cameras: Cameras  # NumPy arrays, model frame
     images: Sequence[Picture]  # dark input
@@ -69,8 +70,8 @@ class Scene:
 
     @functools.cached_property
     def noise(self) -> Noise:
-        """Noise of the pictures, estimated from them."""
-        return estimate_noise(self.images)
+        """Noise of the photos' own pixels, estimated from the files."""
+        return estimate_noise(self.image_paths)
 
 
 def load_scene(
@@ -149,6 +150,7 @@ def load_scene(
         format=files.format,
         split=split,
         view_names=tuple(files.names[v] for v in views),
+        image_paths=tuple(files.image_paths[v] for v in views),
         lenses=own_lenses,
         cameras=dataclasses.replace(
             posed_cameras(own_lenses, camtoworlds), gains=gains[views]
