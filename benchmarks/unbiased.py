@@ -1,19 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bias and error of the learned dark scene: the paper's data term against ours.
 
-python -m benchmarks.unbiased night OUT [--denominators 10 30 60] [--steps 1500]
+python -m benchmarks.unbiased night OUT [--cameras 10 30 60 60_noisy] [--steps 1500]
 python -m benchmarks.unbiased real DATA_DIR OUT [--factor 2] [--steps 2000]
 
-``night`` makes the synthetic scene at exposures 1/10, 1/30 and 1/60 and compares test
-views with the light that fell in; photos without noise show what is not noise's fault.
+``night`` makes the synthetic scene as dark as 1/10, 1/30 and 1/60 and compares test
+views with the light that fell in: as learned, and as the terms would have a field of
+perfect geometry learn it (``--steps 0``: only that), from as many photos of each point.
 ``real`` compares them, after one gain to the truth's mean, with the truth where it is
-darkest. Trainings done before are kept.
+darkest. A training that was done is not done again.
 """
 
 import argparse
-import dataclasses
 import functools
-import math
 import sys
 from pathlib import Path
 
@@ -24,17 +23,22 @@ from skimage.metrics import structural_similarity
 
 from benchmarks import workload
 from internal import baselines, cli, night_scene, parallel, scored_run
-from internal.capture import CaptureModel
+from internal.capture import CaptureModel, capture, view_key
 from internal.checkpoints import load_trained
 from internal.image import from_uint16, linear_to_srgb, srgb_to_linear
+from internal.noise import NODES, estimate_noise, expectation
 from internal.renderer import Renderer
 from internal.scene import Scene
 
 TERMS = {"paper": "ideal", "unbiased": "noisy"}  # Losses.observation
 DARKEST = 0.2  # part of the pixels
+CAMERAS = {
+    **{str(n): CaptureModel(exposure=1 / n) for n in (10, 30, 60)},
+    "60_noisy": CaptureModel(exposure=1 / 60, full_well=2000.0, read_noise=5.0),
+}
 VIEWS, WIDTH, HEIGHT = 30, 160, 120
 NIGHT_HEADERS = (
-    "exposure", "noise", "data term",
+    "camera", "geometry", "data term",
     "bias R, G, B, levels", "of the darkest fifth", "10^-6 linear",
     "RMSE, levels", "of the darkest fifth", "10^-6 linear",
     "after the gain: bias, darkest fifth", "RMSE", "of the darkest fifth",
@@ -55,7 +59,7 @@ def main() -> None:
     commands = parser.add_subparsers(dest="command", required=True)
     night = commands.add_parser("night")
     night.add_argument("out", type=Path)
-    night.add_argument("--denominators", type=int, nargs="+", default=[10, 30, 60])
+    night.add_argument("--cameras", nargs="+", choices=CAMERAS, default=[*CAMERAS])
     night.add_argument("--steps", type=int, default=1500)
     real = commands.add_parser("real")
     real.add_argument("data_dir", type=Path)
@@ -67,26 +71,43 @@ def main() -> None:
 
 
 def night_table(flags: argparse.Namespace) -> str:
-    """Errors against the light that fell in, by exposure, noise and term."""
+    """Errors against the light that fell in, by camera, geometry and term."""
     rows = []
-    for denominator in flags.denominators:
-        noisy = CaptureModel(exposure=1 / denominator)
-        for camera, term in (
-            (noisy, "paper"),
-            (noisy, "unbiased"),
-            (dataclasses.replace(noisy, full_well=math.inf), "paper"),
-        ):
-            noise = "yes" if math.isfinite(camera.full_well) else "no"
-            folder = flags.out / f"{denominator}_noise_{noise}"
-            size = {"views": VIEWS, "width": WIDTH, "height": HEIGHT}
-            night_scene.write_scene(folder, camera, **size)
-            run = flags.out / f"{folder.name}_{term}"
-            _, dark = learned(folder, run, term, 1, flags.steps)
-            gains = np.float32(camera.channel_gains)
-            light = np.minimum(test_light() * camera.exposure * gains, 1.0)
+    for name in flags.cameras:
+        camera = CAMERAS[name]
+        folder = flags.out / f"night_{name}"
+        night_scene.write_scene(folder, camera, views=VIEWS, width=WIDTH, height=HEIGHT)
+        light = test_light() * camera.exposure * np.array(camera.channel_gains)
+        light = np.minimum(light, 1.0).astype(np.float32)
+        pictures = {("perfect", x): y for x, y in perfect(folder, camera).items()}
+        for term in TERMS if flags.steps else ():
+            run = flags.out / f"night_{name}_{term}"
+            pictures["learned", term] = learned(folder, run, term, 1, flags.steps)[1]
+        for (geometry, term), dark in pictures.items():
             cells = night_cells(dark, light, camera.exposure)
-            rows.append((f"1/{denominator}", noise, term, *cells))
+            rows.append((f"1/{name}".replace("_", ", "), geometry, term, *cells))
     return workload.markdown(NIGHT_HEADERS, rows)
+
+
+def perfect(folder: Path, camera: CaptureModel) -> dict[str, Pictures]:
+    """What each term learns of pixels that are seen once in every training photo.
+
+    The paper's term the mean of their photos, ours the colour of which that mean is
+    expected, by the noise that is found in the scene's photos.
+    """
+    found = estimate_noise(sorted((folder / "low").glob("*.png")))
+    photos = range(VIEWS, 2 * VIEWS - len(test_light()))
+    light = test_light()
+    mean = np.mean(
+        [capture(light, camera, view_key(camera, v)) for v in photos], axis=0
+    )
+    unbiased = np.empty_like(mean)
+    for c, pair in enumerate(zip(found.floor, found.growth, strict=True)):
+        unbiased[..., c] = np.interp(mean[..., c], expectation(*pair)[0], NODES)
+    return {
+        "paper": (mean / 255).astype(np.float32),
+        "unbiased": unbiased.astype(np.float32),
+    }
 
 
 @functools.cache

@@ -25,6 +25,8 @@ from scipy import ndimage, optimize, special, stats
 from internal import atomic, image_io
 from internal.image import srgb_to_linear
 
+# Mean level and noise variance (in levels) of dark to bright parts of photos.
+Measured = tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]]
 Observation = Callable[[Float[Array, "*b 3"]], Float[Array, "*b 3"]]
 
 LEVELS = np.arange(1, 256)
@@ -35,6 +37,10 @@ BLOCK = 8  # pixels; noise is measured in blocks and compared at equal brightnes
 BINS = 24  # of brightness
 FEWEST_BLOCKS = 30  # of a bin
 ENVELOPE = 0.25  # quantile of blocks: most texture lies above
+LOWER_WEIGHT = 3.0  # of noise that is less than the fit says, over that of more
+# Electrons of read noise, then gains: white is 1 / gain electrons.
+USUAL_SENSOR = (3.0, 1e-4, 1e-4, 1e-4)
+SENSOR_RANGE = (0.1, 1e-10, 1e-10, 1e-10), (100.0, 0.1, 0.1, 0.1)
 # Laplacian of Immerkaer 1996: it leaves noise and removes planes and straight edges.
 # The answer to noise of deviation 1 has deviation 1.
 _KERNEL = np.outer([1.0, -2.0, 1.0], [1.0, -2.0, 1.0]) / 6.0
@@ -103,9 +109,7 @@ def estimate_noise(paths: Sequence[Path]) -> Noise:
     """
     chosen = paths[:: -(-len(paths) // MOST_PHOTOS)]
     photos = [255.0 * _middle(image_io.read_srgb(path)) for path in chosen]
-    fits = [fit(*measure([photo[..., c] for photo in photos])) for c in range(3)]
-    floor, growth = zip(*fits, strict=True)
-    return Noise(floor, growth)
+    return fit([measure([photo[..., c] for photo in photos]) for c in range(3)])
 
 
 def noise_level(grey: Float[np.ndarray, "height width"]) -> float:
@@ -119,7 +123,7 @@ def noise_level(grey: Float[np.ndarray, "height width"]) -> float:
 
 def measure(
     channel: Sequence[Float[np.ndarray, "_height _width"]],
-) -> tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]]:
+) -> Measured:
     """Mean level and noise variance, of dark to bright parts of photos in levels.
 
     The variance is of a Laplacian's answers in blocks; of blocks that are equally
@@ -141,28 +145,35 @@ def measure(
     )
 
 
-def fit(
-    mean: Float[np.ndarray, " bins"], variance: Float[np.ndarray, " bins"]
-) -> tuple[float, float]:
-    """Floor and growth whose ``expectation`` is nearest to what photos show.
+def fit(channels: Sequence[Measured]) -> Noise:
+    """The noise whose ``expectation`` is nearest to what the channels show.
 
-    Nearest in the logarithm of the variance; bins that stand out, such as those
-    without a single untextured block, count less (soft L1). Without bins: no noise.
+    Channels are one sensor's: a gain turns photons into light, so that growth is the
+    gain and floor = (electrons of read noise * gain)^2, and a channel without dark
+    parts learns its floor from the others. Nearest in the logarithm of the variance.
+    Texture adds to it, so what is above the fit counts less than what is below, and
+    bins that stand out count less too (soft L1). Without bins there is no noise.
     """
-    if len(mean) == 0:
-        return 0.0, 0.0
+    if not all(len(mean) for mean, _ in channels):
+        return Noise((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
-    def misfit(logs: Float[np.ndarray, "2"]) -> Float[np.ndarray, " bins"]:
-        expected_mean, expected = expectation(*np.exp(logs))
-        at_bins = np.interp(mean, expected_mean, expected)
-        return np.log(at_bins + 1e-3) - np.log(variance + 1e-3)
+    def sensor(logs: Float[np.ndarray, "4"]) -> list[tuple[float, float]]:
+        electrons, *gains = np.exp(logs).tolist()
+        return [((electrons * gain) ** 2, gain) for gain in gains]
 
-    level = 1.0 / (255.0 * 12.92)  # in linear light, next to black
-    bounds = np.log([[1e-4 * level**2, 1e-10], [1e2 * level**2, 1e-1]])
-    start = np.log([level**2, 1e-4])
-    result = optimize.least_squares(misfit, start, bounds=bounds, loss="soft_l1")
-    floor, growth = np.exp(result.x).tolist()
-    return floor, growth
+    def misfit(logs: Float[np.ndarray, "4"]) -> Float[np.ndarray, " bins"]:
+        errors = []
+        for (mean, variance), pair in zip(channels, sensor(logs), strict=True):
+            expected = np.interp(mean, *expectation(*pair))
+            error = np.log(expected + 1e-3) - np.log(variance + 1e-3)
+            errors.append(np.where(error > 0.0, LOWER_WEIGHT * error, error))
+        return np.concatenate(errors)
+
+    result = optimize.least_squares(
+        misfit, np.log(USUAL_SENSOR), bounds=np.log(SENSOR_RANGE), loss="soft_l1"
+    )
+    floor, growth = zip(*sensor(result.x), strict=True)
+    return Noise(floor, growth)
 
 
 def record(folder: Path, noise: Noise) -> None:
