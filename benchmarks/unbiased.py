@@ -75,12 +75,14 @@ def night_table(flags: argparse.Namespace) -> str:
     rows = []
     for name in flags.cameras:
         camera = CAMERAS[name]
-        folder = flags.out / f"night_{name}"
-        night_scene.write_scene(folder, camera, views=VIEWS, width=WIDTH, height=HEIGHT)
         light = test_light() * camera.exposure * np.array(camera.channel_gains)
         light = np.minimum(light, 1.0).astype(np.float32)
-        pictures = {("perfect", x): y for x, y in perfect(folder, camera).items()}
+        pictures = {("perfect", x): y for x, y in perfect(camera).items()}
+        folder = flags.out / f"night_{name}"
         for term in TERMS if flags.steps else ():
+            night_scene.write_scene(
+                folder, camera, views=VIEWS, width=WIDTH, height=HEIGHT
+            )
             run = flags.out / f"night_{name}_{term}"
             pictures["learned", term] = learned(folder, run, term, 1, flags.steps)[1]
         for (geometry, term), dark in pictures.items():
@@ -89,18 +91,17 @@ def night_table(flags: argparse.Namespace) -> str:
     return workload.markdown(NIGHT_HEADERS, rows)
 
 
-def perfect(folder: Path, camera: CaptureModel) -> dict[str, Pictures]:
+def perfect(camera: CaptureModel) -> dict[str, Pictures]:
     """What each term learns of pixels that are seen once in every training photo.
 
     The paper's term the mean of their photos, ours the colour of which that mean is
-    expected, by the noise that is found in the scene's photos.
+    expected, by the noise that is found in these photos.
     """
-    found = estimate_noise(sorted((folder / "low").glob("*.png")))
-    photos = range(VIEWS, 2 * VIEWS - len(test_light()))
     light = test_light()
-    mean = np.mean(
-        [capture(light, camera, view_key(camera, v)) for v in photos], axis=0
-    )
+    keys = [view_key(camera, view) for view in range(VIEWS - len(light))]
+    photos = [capture(light, camera, key) / np.float32(255) for key in keys]
+    found = estimate_noise([photo[v % len(light)] for v, photo in enumerate(photos)])
+    mean = np.mean(photos, axis=0) * 255
     unbiased = np.empty_like(mean)
     for c, pair in enumerate(zip(found.floor, found.growth, strict=True)):
         unbiased[..., c] = np.interp(mean[..., c], expectation(*pair)[0], NODES)
@@ -113,9 +114,8 @@ def perfect(folder: Path, camera: CaptureModel) -> dict[str, Pictures]:
 @functools.cache
 def test_light() -> Pictures:
     """Linear light of the night scene's test views."""
-    poses = night_scene.make_cameras(VIEWS)
-    light = night_scene.render_views(poses, WIDTH, HEIGHT)
-    return light[:: night_scene.HOLDOUT]
+    poses = night_scene.make_cameras(VIEWS)[:: night_scene.HOLDOUT]
+    return night_scene.render_views(poses, WIDTH, HEIGHT)
 
 
 def night_cells(dark: Pictures, light: Pictures, exposure: float) -> list[str]:

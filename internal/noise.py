@@ -101,15 +101,20 @@ def expected_photo(noise: Noise) -> Observation:
     return observe
 
 
-def estimate_noise(paths: Sequence[Path]) -> Noise:
+def noise_of_files(paths: Sequence[Path]) -> Noise:
     """The noise of photos, from the middles of some of them, evenly spread.
 
     Files, because photos that were shrunk to train on show less noise than was
     clipped before.
     """
     chosen = paths[:: -(-len(paths) // MOST_PHOTOS)]
-    photos = [255.0 * _middle(image_io.read_srgb(path)) for path in chosen]
-    return fit([measure([photo[..., c] for photo in photos]) for c in range(3)])
+    return estimate_noise([_middle(image_io.read_srgb(path)) for path in chosen])
+
+
+def estimate_noise(photos: Sequence[Float[np.ndarray, "_height _width 3"]]) -> Noise:
+    """The noise of photos, sRGB in [0, 1]."""
+    channels = [[255.0 * photo[..., c] for photo in photos] for c in range(3)]
+    return fit([measure(channel) for channel in channels])
 
 
 def noise_level(grey: Float[np.ndarray, "height width"]) -> float:

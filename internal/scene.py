@@ -22,7 +22,7 @@ from internal.colmap import lens_directions
 from internal.coord import ForwardFacing, Unbounded
 from internal.errors import UserError
 from internal.extent import Bounds, Frame, choose_frame, find_bounds
-from internal.noise import Noise, estimate_noise
+from internal.noise import Noise, noise_of_files
 from internal.picture_store import Picture, hold
 from internal.poses import transform_poses
 from internal.readers.base import SceneFiles
@@ -71,7 +71,7 @@ class Scene:
     @functools.cached_property
     def noise(self) -> Noise:
         """Noise of the photos' own pixels, estimated from the files."""
-        return estimate_noise(self.image_paths)
+        return noise_of_files(self.image_paths)
 
 
 def load_scene(

@@ -89,21 +89,19 @@ def test_the_learned_colour_is_the_scene_and_not_its_photos_mean():
     biased = learned(noise.ideal_photo)
     unbiased = learned(noise.expected_photo(noise_of(CAMERA)))
     assert np.all(255.0 * (biased - truth) > 0.3)
-    assert np.all(255.0 * np.abs(unbiased - truth) < 0.03)
+    assert np.all(255.0 * np.abs(unbiased - truth) < 0.07)
 
 
 @pytest.mark.parametrize("exposure", [1 / 10, 1 / 40])
-def test_noise_is_found_again_in_photos_with_smooth_and_rough_parts(exposure, tmp_path):
+def test_noise_is_found_again_in_photos_with_smooth_and_rough_parts(exposure):
     rng = np.random.default_rng(0)
     rows = np.linspace(0.0, 1.0, 160)[:, None, None] ** 2
     rough = rng.uniform(0.2, 1.0, (160, 60, 1))
     light = np.concatenate([np.repeat(rows, 140, axis=1), rows * rough], axis=1)
     light = np.repeat(light, 3, axis=2).astype(np.float32)
     camera = CaptureModel(exposure=exposure, full_well=5000.0, read_noise=2.0)
-    for view in range(3):
-        photo = capture(light, camera, view_key(camera, view)) / np.float32(255)
-        image_io.write(tmp_path / f"{view}.png", photo)
-    found = noise.estimate_noise(sorted(tmp_path.glob("*.png")))
+    photos = [capture(light, camera, view_key(camera, view)) for view in range(3)]
+    found = noise.estimate_noise([photo / np.float32(255) for photo in photos])
     true = noise_of(camera)
     np.testing.assert_allclose(np.sqrt(found.floor), np.sqrt(true.floor), rtol=0.15)
     np.testing.assert_allclose(found.growth, true.growth, rtol=0.2)
@@ -113,9 +111,9 @@ def test_photos_without_noise_or_too_small_to_tell_have_none(tmp_path):
     smooth = np.linspace(0, 0.12, 100 * 120 * 3).reshape(100, 120, 3)
     for name, picture in ("all", smooth), ("corner", smooth[:9, :9]):
         image_io.write(tmp_path / f"{name}.png", picture.astype(np.float32))
-    found = noise.estimate_noise([tmp_path / "all.png"])
+    found = noise.noise_of_files([tmp_path / "all.png"])
     assert max(found.floor) < (0.1 * LEVEL) ** 2
-    tiny = noise.estimate_noise([tmp_path / "corner.png"])
+    tiny = noise.noise_of_files([tmp_path / "corner.png"])
     assert tiny == Noise((0.0,) * 3, (0.0,) * 3)
 
 
