@@ -26,7 +26,7 @@ from internal import atomic, image_io
 from internal.image import srgb_to_linear
 
 # Mean level and noise variance (in levels) of dark to bright parts of photos.
-Measured = tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]]
+Measured = tuple[Float[np.ndarray, " _bins"], Float[np.ndarray, " _bins"]]
 Observation = Callable[[Float[Array, "*b 3"]], Float[Array, "*b 3"]]
 
 LEVELS = np.arange(1, 256)
@@ -166,7 +166,7 @@ def fit(channels: Sequence[Measured]) -> Noise:
         electrons, *gains = np.exp(logs).tolist()
         return [((electrons * gain) ** 2, gain) for gain in gains]
 
-    def misfit(logs: Float[np.ndarray, "4"]) -> Float[np.ndarray, " bins"]:
+    def misfit(logs: Float[np.ndarray, "4"]) -> Float[np.ndarray, " _n"]:
         errors = []
         for (mean, variance), pair in zip(channels, sensor(logs), strict=True):
             expected = np.interp(mean, *expectation(*pair))
