@@ -18,7 +18,7 @@ from collections.abc import Sequence
 
 import jax
 
-from internal import budget, cli, parallel, progress
+from internal import budget, cli, noise, parallel, progress
 from internal.checkpoints import Checkpoints
 from internal.models import Model
 from internal.preview import Preview
@@ -47,6 +47,8 @@ def main(argv: Sequence[str]) -> int:
         state = checkpoints.restore(like, mesh)
     start = int(state.step)
     print(f"run folder: {folder}, from step {start} to {train.max_steps}", flush=True)
+    if config.losses.observation == "noisy":
+        noise.record(folder, scene.noise)
 
     # The loop. A step that is not finite keeps the state before it.
     take_step = compiled_step(config, model, scene, mesh)

@@ -49,6 +49,7 @@ class LossConfig:
 
     data_eps: float = 1e-3  # epsilon_2, plus
     data_eps_of_mean: float = 0.0  # this part of the photos' mean
+    observation: str = "ideal"  # photos show colours; noisy: internal/noise.py
     coarse: float = 0.1  # data term of the levels before the last
     interlevel: float = 1.0  # of proposals, where the field has them
     distortion: float = 0.01
@@ -176,6 +177,8 @@ def _check(config: Config) -> None:
         and min(model.num_samples) > 0,
         "Model.ray_shape: auto, cone or cylinder": model.ray_shape
         in ("auto", "cone", "cylinder"),
+        "Losses.observation: ideal or noisy": config.losses.observation
+        in ("ideal", "noisy"),
         "Train.neighbors: 0 or 2": train.neighbors in (0, 2),
         "Model.enhancement: gamma or tone": model.enhancement in ("gamma", "tone"),
         "Train.neighbors = 2 for the smoothness loss of the gamma enhancement": (

@@ -22,6 +22,7 @@ from internal.colmap import lens_directions
 from internal.coord import ForwardFacing, Unbounded
 from internal.errors import UserError
 from internal.extent import Bounds, Frame, choose_frame, find_bounds
+from internal.noise import Noise, noise_of_files
 from internal.picture_store import Picture, hold
 from internal.poses import transform_poses
 from internal.readers.base import SceneFiles
@@ -52,6 +53,7 @@ class Scene:
     format: str
     split: str  # "train" or "test"
     view_names: tuple[str, ...]
+    image_paths: tuple[Path, ...]  # files of ``images``
     lenses: tuple[Lens, ...]  # at the size of ``images``
     cameras: Cameras  # NumPy arrays, model frame
     images: Sequence[Picture]  # dark input
@@ -65,6 +67,11 @@ class Scene:
     def brightness(self) -> float:
         """Mean of the pictures, sRGB in [0, 1]."""
         return float(np.mean([image.mean() for image in self.images])) / UINT16_ONE
+
+    @functools.cached_property
+    def noise(self) -> Noise:
+        """Noise of the photos' own pixels, estimated from the files."""
+        return noise_of_files(self.image_paths)
 
 
 def load_scene(
@@ -143,6 +150,7 @@ def load_scene(
         format=files.format,
         split=split,
         view_names=tuple(files.names[v] for v in views),
+        image_paths=tuple(files.image_paths[v] for v in views),
         lenses=own_lenses,
         cameras=dataclasses.replace(
             posed_cameras(own_lenses, camtoworlds), gains=gains[views]

@@ -32,15 +32,22 @@ def train_and_score(
     if is_done(run, record):
         print("done before")
         return 0
-    arguments = [f"--gin_configs={file}" for file in gin_configs]
-    arguments += [f"--gin_bindings={x}" for x in (*gin_bindings, _own_binding(run))]
     for script in SCRIPTS:
-        here = Path(__file__).parents[1] / script
-        code = subprocess.run([sys.executable, str(here), *arguments]).returncode
+        code = run_script(script, run, gin_configs, gin_bindings)
         if code:
             return code
     run_folder.write_text(run / RECORD, record)
     return 0
+
+
+def run_script(
+    script: str, run: Path, gin_configs: Sequence[str], gin_bindings: Sequence[str]
+) -> int:
+    """Runs one script on ``run``, whatever the bindings name; returns its exit code."""
+    arguments = [f"--gin_configs={file}" for file in gin_configs]
+    arguments += [f"--gin_bindings={x}" for x in (*gin_bindings, _own_binding(run))]
+    here = Path(__file__).parents[1] / script
+    return subprocess.run([sys.executable, str(here), *arguments]).returncode
 
 
 def config_of(

@@ -19,7 +19,7 @@ from jax import Array
 from jax.lax import stop_gradient
 from jaxtyping import ArrayLike, Float, PRNGKeyArray
 
-from internal import image, losses, parallel, stepfun
+from internal import image, losses, noise, parallel, stepfun
 from internal.cameras import Cameras, Rays, cast_rays
 from internal.configs import Config, LossConfig, OptimizerConfig, TrainConfig
 from internal.coord import ForwardFacing, Space
@@ -186,7 +186,11 @@ def phi_terms(
 
 
 def make_train_step(
-    config: Config, model: Model, mesh: jax.sharding.Mesh, brightness: float
+    config: Config,
+    model: Model,
+    mesh: jax.sharding.Mesh,
+    brightness: float,
+    observe: noise.Observation = noise.ideal_photo,
 ) -> Callable[[TrainState, Cameras, Space, PixelSource], tuple[TrainState, StepStats]]:
     """Builds the pure step; the caller jits it and donates the state.
 
@@ -198,6 +202,7 @@ def make_train_step(
 
     Args:
         brightness: mean of the training photos, sRGB.
+        observe: what photos show of a colour on average.
     """
     train = config.train
     optimizer = make_optimizer(config.optimizer, train)
@@ -214,7 +219,8 @@ def make_train_step(
         key: PRNGKeyArray,
     ) -> tuple[Float[Array, ""], tuple[Level, Float[Array, "rays 3"], Terms]]:
         levels = march({"params": params}, rays, space, key)
-        photos = [image.expose(x.rgb, gain) for x in levels if isinstance(x, Level)]
+        colored = [x for x in levels if isinstance(x, Level)]
+        photos = [observe(image.expose(x.rgb, gain)) for x in colored]
         terms = field_terms(config.losses, levels, photos, rgb, data_eps)
         return sum(terms.values(), jnp.zeros(())), (levels[-1], photos[-1], terms)
 
@@ -295,8 +301,11 @@ def compiled_step(
         scene.images, scene.cameras, mesh, config.train, config.max_image_memory
     )
     cameras, space = parallel.replicate((scene.cameras, scene.space), mesh)
+    ideal = config.losses.observation == "ideal"
+    observe = noise.ideal_photo if ideal else noise.expected_photo(scene.noise)
     train_step = jax.jit(
-        make_train_step(config, model, mesh, scene.brightness), donate_argnums=0
+        make_train_step(config, model, mesh, scene.brightness, observe),
+        donate_argnums=0,
     )
     return lambda state, done: train_step(state, cameras, space, pixels_of_step(done))
 

@@ -46,6 +46,7 @@ def test_later_bindings_win_and_do_not_leak_into_the_next_load():
         ("Model.num_samples = [1, 2]", "num_samples"),
         ("MLP.width = ", "parse"),
         ("Model.ray_shape = 'square'", "ray_shape"),
+        ("Losses.observation = 'lucky'", "observation"),
         ("Train.neighbors = 1", "neighbors"),
         ("Train.neighbors = 0", "neighbors"),
         ("Config.factor = 0", "factor"),

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from internal import parallel, sampler, training
+from internal import noise, parallel, sampler, training
 from internal.cameras import cast_rays
 from internal.configs import load_config
 from internal.editing import NEUTRAL
@@ -17,11 +17,11 @@ from internal.models import Model
 from tests.conftest import TINY_MODEL
 
 
-def make_run(config, cameras, images, space, devices=None):
+def make_run(config, cameras, images, space, devices=None, observe=noise.ideal_photo):
     """A function that runs steps from a state, and the initial state."""
     mesh = parallel.data_mesh(config.train.batch_size, devices)
     model = Model(config.model)
-    step = jax.jit(training.make_train_step(config, model, mesh, 0.1))
+    step = jax.jit(training.make_train_step(config, model, mesh, 0.1, observe))
     fixed = parallel.replicate((cameras, space, sampler.resident_pixels(images)), mesh)
     state = parallel.replicate(training.initial_state(config, model), mesh)
 
@@ -157,6 +157,23 @@ def test_a_step_in_passes_learns_like_one_in_one(tiny_cameras, tiny_images, ndc)
     chex.assert_trees_all_close(
         results[0].terms["data"], results[1].terms["data"], rtol=0.2
     )
+
+
+def test_photos_are_compared_with_what_is_observed_of_colours(
+    tiny_config, tiny_cameras, ndc
+):
+    """A camera that sees one grey whatever the scene, and photos of that grey."""
+    grey = 9000
+    images = tuple(np.full((8, 10, 3), grey, np.uint16) for _ in range(3))
+
+    def observe(rgb):
+        return jnp.full_like(rgb, grey / 65535)
+
+    one_device = jax.devices()[:1]
+    run, state = make_run(tiny_config, tiny_cameras, images, ndc, one_device, observe)
+    _, stats = run(state, 1)
+    assert stats.terms["data"] < 1e-9
+    assert stats.psnr > 90
 
 
 def test_known_exposures_explain_the_photos_and_leave_the_scene(tiny_cameras, ndc):

@@ -12,14 +12,12 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import ndimage
 
+from internal.noise import noise_level
+
 LEVELS = 256
 # A photo whose brightest thousandth stays below this level shows nothing.
 BLACK_LEVEL = 3.0
 BRIGHT_PERCENTILE = 99.9
-# Laplacian of Immerkaer 1996: it leaves noise and removes planes and straight edges.
-_NOISE_KERNEL = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
-_NOISE_NORM = 6.0  # standard deviation of its answer to noise of deviation 1
-_GAUSSIAN_MAD = 0.6745  # median of |Normal(0, 1)|
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,15 +51,6 @@ def measure(srgb: Float[np.ndarray, "height width 3"]) -> PhotoStatistics:
         black_fraction=float((green == 0).mean()),
         histogram=tuple(np.bincount(levels.ravel(), minlength=LEVELS).tolist()),
     )
-
-
-def noise_level(grey: Float[np.ndarray, "height width"]) -> float:
-    """Standard deviation of the noise of single pixels, in the picture's own unit.
-
-    Median of |Laplacian|, so that edges do not count as noise.
-    """
-    response = ndimage.convolve(grey, _NOISE_KERNEL)
-    return float(np.median(np.abs(response)) / (_GAUSSIAN_MAD * _NOISE_NORM))
 
 
 def sharpness(grey: Float[np.ndarray, "height width"]) -> float:
