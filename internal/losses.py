@@ -46,10 +46,10 @@ def metering_loss(enhanced: Float[Array, "*b 3"], *, target: float) -> Float[Arr
 def colorfulness_loss(
     enhanced: Float[Array, "*b 3"], *, least: float
 ) -> Float[Array, ""]:
-    """max(least - E[max_c c_hat - min_c c_hat], 0)^2: asks a scene that is paler
-    than normal photos for more colour, and no other."""
+    """(E[max_c c_hat - min_c c_hat] - least)^2: asks a scene that is paler than normal
+    photos for more colour. No saturation is less than 1, so it takes none away."""
     spread = jnp.max(enhanced, axis=-1) - jnp.min(enhanced, axis=-1)
-    return jnp.maximum(least - jnp.mean(spread), 0.0) ** 2
+    return (jnp.mean(spread) - least) ** 2
 
 
 def gray_world_loss(

@@ -30,14 +30,18 @@ class Tone:
 
 
 class Meter(nn.Module):
-    """The scene's ``Tone`` as parameters, at first no change of exposure or colour."""
+    """The scene's ``Tone`` as parameters, at first no change of exposure or colour.
+
+    Beyond the ends of its range the saturation keeps its gradient, so that it finds
+    its way back.
+    """
 
     @nn.compact
     def __call__(self) -> Tone:
         stops = self.param("stops", nn.initializers.zeros, ())
-        vivid = self.param("vivid", nn.initializers.constant(-6.0), ())
-        saturation = 1.0 + (MOST_SATURATION - 1.0) * jax.nn.sigmoid(vivid)
-        return Tone(jnp.asarray(stops), saturation)
+        wanted = jnp.asarray(self.param("saturation", nn.initializers.ones, ()))
+        kept = jnp.clip(wanted, 1.0, MOST_SATURATION)
+        return Tone(jnp.asarray(stops), wanted + jax.lax.stop_gradient(kept - wanted))
 
 
 def saturate(

@@ -25,9 +25,12 @@ from internal.configs import Config, LossConfig, OptimizerConfig, TrainConfig
 from internal.coord import ForwardFacing, Space
 from internal.editing import NEUTRAL
 from internal.errors import Diverged
-from internal.models import GammaRendering, Histogram, Level, LitRendering, Model
+from internal.models import GammaRendering, Histogram, Level, Model
 from internal.sampler import Batch, PixelSource, pixel_source, step_keys
 from internal.scene import Scene
+from internal.tone import Meter, Tone, develop
+
+METERED = 0.01  # sRGB: an exposure as near as this is right
 
 Params = Any  # flax's nested dictionary of arrays by module name
 Terms = dict[str, Float[Array, ""]]  # weighted loss terms by name
@@ -150,13 +153,21 @@ def field_terms(
     return terms
 
 
-def tone_terms(config: LossConfig, rendering: LitRendering) -> Terms:
-    """Weighted terms that meter a tone curve."""
+def tone_terms(
+    config: LossConfig, dark: Float[Array, "rays 3"], tone: Tone, contrast: float
+) -> Terms:
+    """Weighted terms that meter a tone curve. The exposure answers to the first alone
+    and the saturation to the second alone, once the exposure is right: in the dark
+    every scene is pale."""
+    held = stop_gradient(tone)
+    exposed = develop(dark, Tone(tone.stops, held.saturation), contrast, NEUTRAL)
+    colored = develop(dark, Tone(held.stops, tone.saturation), contrast, NEUTRAL)
+    metering = losses.metering_loss(exposed, target=config.exposure_target)
+    pale = losses.colorfulness_loss(colored, least=config.least_colorfulness)
+    metered = stop_gradient(metering) < METERED**2
     return {
-        "exposure": config.exposure
-        * losses.metering_loss(rendering.enhanced, target=config.exposure_target),
-        "colorfulness": config.colorfulness
-        * losses.colorfulness_loss(rendering.enhanced, least=config.least_colorfulness),
+        "exposure": config.exposure * metering,
+        "colorfulness": config.colorfulness * jnp.where(metered, pale, 0.0),
     }
 
 
@@ -227,12 +238,14 @@ def make_train_step(
     def phi_loss(
         params: Params, level: Level, space: Space
     ) -> tuple[Float[Array, ""], Terms]:
-        rendering = light_up({"params": {"phi": params}}, level, space, NEUTRAL)
-        if isinstance(rendering, GammaRendering):
+        if config.model.enhancement == "tone":
+            tone: Any = Meter().apply({"params": params})
+            contrast = config.model.tone_contrast
+            terms = tone_terms(config.losses, level.rgb, tone, contrast)
+        else:
+            rendering = light_up({"params": {"phi": params}}, level, space, NEUTRAL)
             patches = train.batch_size // train.passes
             terms = phi_terms(config.losses, rendering, patches, train.neighbors)
-        else:
-            terms = tone_terms(config.losses, rendering)
         return sum(terms.values(), jnp.zeros(())), terms
 
     def gradients(

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tone curve: its laws, its metering, and a model that is lit by it."""
 
+import dataclasses
+from typing import Any
+
 import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 
 from internal import losses
@@ -13,8 +17,15 @@ from internal.configs import load_config
 from internal.editing import LUMINANCE_WEIGHTS, NEUTRAL, light_edit
 from internal.image import linear_to_srgb, srgb_to_linear
 from internal.models import GammaRendering, Model
-from internal.tone import Tone, develop, response, saturate
-from internal.training import initial_state
+from internal.tone import (
+    MOST_SATURATION,
+    Meter,
+    Tone,
+    develop,
+    response,
+    saturate,
+)
+from internal.training import initial_state, make_optimizer, tone_terms
 from tests.conftest import TINY_MODEL
 from tests.test_training import make_run
 
@@ -82,10 +93,64 @@ def test_metering_loss_meters_the_scene_and_not_each_pixel():
     assert losses.metering_loss(contrasty, target=0.5) == pytest.approx(0.01)
 
 
-def test_colorfulness_loss_asks_only_pale_scenes():
-    pale, vivid = jnp.array([[0.5, 0.46, 0.4]]), jnp.array([[0.9, 0.5, 0.2]])
+def test_colorfulness_loss_by_hand():
+    pale = jnp.array([[0.5, 0.46, 0.4], [0.2, 0.3, 0.2]])
     assert losses.colorfulness_loss(pale, least=0.14) == pytest.approx(0.04**2)
-    assert losses.colorfulness_loss(vivid, least=0.14) == 0.0
+
+
+def metered(dark: jax.Array) -> tuple[Tone, jax.Array]:
+    """What 400 steps of metering make of a scene of these colours."""
+    config = load_config(["configs/llnerf_best.gin"], [])
+    train = dataclasses.replace(config.train, max_steps=400, enhance_start=0)
+    optimizer = make_optimizer(config.optimizer, train)
+    params = {"phi": Meter().init(jax.random.key(0))["params"]}
+
+    def lit(params, dark):
+        tone: Any = Meter().apply({"params": params["phi"]})
+        return develop(dark, tone, 1.3, NEUTRAL), tone
+
+    def loss(params, dark):
+        terms = tone_terms(config.losses, dark, lit(params, dark)[1], 1.3)
+        return sum(terms.values(), jnp.zeros(()))
+
+    def step(carry, key):
+        params, state = carry
+        some = jax.random.choice(key, dark, (512,))
+        updates, state = optimizer.update(jax.grad(loss)(params, some), state, params)
+        return (optax.apply_updates(params, updates), state), None
+
+    start = params, optimizer.init(params)
+    keys = jax.random.split(jax.random.key(1), 400)
+    (params, _), _ = jax.jit(lambda start: jax.lax.scan(step, start, keys))(start)
+    enhanced, tone = lit(params, dark)
+    return tone, enhanced
+
+
+def scene_of(colour: tuple[float, float, float], darkness: float) -> jax.Array:
+    light = 0.3 + jax.random.uniform(jax.random.key(2), (2000, 1))
+    return darkness * light * jnp.array(colour)
+
+
+@pytest.mark.parametrize("darkness", [0.02, 0.1, 0.8])
+def test_a_vivid_scene_keeps_its_colours_at_any_darkness(darkness):
+    tone, enhanced = metered(scene_of((1.0, 0.7, 0.4), darkness))
+    assert tone.saturation == pytest.approx(1.0, abs=0.02)
+    assert jnp.mean(jnp.max(enhanced, -1)) == pytest.approx(0.58, abs=0.01)
+
+
+@pytest.mark.parametrize("darkness", [0.01, 0.03])
+def test_a_pale_scene_gets_the_least_colour_of_normal_photos(darkness):
+    tone, enhanced = metered(scene_of((1.0, 0.7, 0.6), darkness))
+    spread = jnp.mean(jnp.max(enhanced, -1) - jnp.min(enhanced, -1))
+    assert 1.1 < tone.saturation < 1.95
+    assert spread == pytest.approx(0.14, abs=0.005)
+    assert jnp.mean(jnp.max(enhanced, -1)) == pytest.approx(0.58, abs=0.01)
+
+
+def test_a_gray_scene_gets_no_more_colour_than_the_most_saturation_gives():
+    tone, enhanced = metered(scene_of((1.0, 1.0, 0.99), 0.05))
+    assert tone.saturation <= MOST_SATURATION
+    assert jnp.mean(jnp.max(enhanced, -1) - jnp.min(enhanced, -1)) < 0.05
 
 
 def test_metering_finds_the_exposure_and_leaves_the_field(
@@ -96,8 +161,11 @@ def test_metering_finds_the_exposure_and_leaves_the_field(
     before, _ = run(state, 3)
     chex.assert_trees_all_equal(before.params["phi"], state.params["phi"])
     _, stats = run(before, 147)
+    assert stats is not None
     assert stats.terms["exposure"] < 0.05**2  # few pixels: noisy
-    plain = load_config([], [*TINY_TONE, "Losses.exposure = 0.0"])
+    plain = load_config(
+        [], [*TINY_TONE, "Train.max_steps = 150", "Losses.exposure = 0.0"]
+    )
     unmetered, _ = make_run(plain, tiny_cameras, tiny_images, ndc, jax.devices()[:1])
     quiet, loud = unmetered(state, 5)[0], run(state, 5)[0]
     chex.assert_trees_all_equal(quiet.params["field"], loud.params["field"])
