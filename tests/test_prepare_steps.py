@@ -137,6 +137,14 @@ def test_light_is_sampled_where_pixels_say_and_not_where_it_is_clipped():
     np.testing.assert_allclose(light[1], expected, rtol=1e-5)
 
 
+def test_what_stops_colmap_is_said_in_one_line(tmp_path):
+    database = tmp_path / "database.db"
+    database.write_bytes(b"no database" * 100)
+    copies = [matching.Copy(8, 8, "one", 0.0)]
+    with pytest.raises(UserError, match=r"COLMAP stopped \(.*\); .*--overwrite"):
+        matching.extract_features(database, tmp_path, copies, 0.01)
+
+
 def test_pairs_are_all_or_neighbours_and_ever_farther_ones():
     assert len(matching.choose_pairs(10, exhaustive=True)) == 45
     pairs = matching.choose_pairs(200, exhaustive=False)
