@@ -34,6 +34,7 @@ from internal.scene_loading import ASPECT_TOLERANCE, GAINS_FILE
 
 CONTENT = 1  # counts changes of what is written; older scenes are refused
 WORK = "work"
+NOTES = "photos.jsonl"
 BYTES_PER_PIXEL = 1.0  # of a copy's PNG
 
 
@@ -68,7 +69,8 @@ def _prepare(inputs: Inputs, scene: Path) -> Report:
     if folder.is_file():
         extract_frames(folder, work / "frames")
         folder = work / "frames"
-    found = find_photos(folder)
+    work.mkdir(exist_ok=True)
+    found = find_photos(folder, work / NOTES)
     photos = found.photos
     truth = scene_files.pair_truth(photos, inputs.truth) if inputs.truth else None
     sources = _pose_sources(photos, inputs.pose_images)
