@@ -19,11 +19,13 @@ from benchmarks import workload
 from internal import image, image_io, progress
 
 PHOTOS = 200
+TIMES = 8  # each picture
 WIDTH, HEIGHT, FOCAL = 4000, 3000, 3800.0
 TEXELS = 4096  # along a wall
 WALL = 4.0  # its length; three walls meet in the origin
 EXPOSURE = 0.05
 BLOCK = 2  # pixels of one colour: copies for poses are smaller than that
+TINT = np.array([1.0, 0.9, 0.8], np.float32)
 NOISE = 2e-4  # of linear light
 
 
@@ -31,7 +33,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path)
     flags = parser.parse_args()
-    write_photos(flags.out / "photos")
+    if not (flags.out / "photos").exists():
+        write_photos(flags.out / "photos")
     code = (
         "import sys, prepare; from benchmarks import workload;"
         "prepare.main(sys.argv[1:]); print(workload.peak_memory())"
@@ -52,20 +55,28 @@ def main() -> None:
 
 
 def write_photos(folder: Path) -> None:
-    """Writes JPEG photos of a corner of a room, as one walks around in it."""
+    """Writes JPEG photos of a corner of a room, as one walks around in it.
+
+    Each picture several times, with some bytes behind it: the same file would be
+    left out.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(0)
     walls = np.stack([_texture(rng) for _ in range(3)])
-    noise = rng.normal(0.0, NOISE, (HEIGHT, WIDTH)).astype(np.float32)
-    for view in progress.track(range(PHOTOS), PHOTOS, "rendering", "photo"):
-        path = folder / f"{view:04}.jpg"
-        if not path.is_file():
-            turn = (0.15 + 0.7 * view / PHOTOS) * np.pi / 2
-            height = 1.4 + 0.4 * np.sin(0.3 * view)
-            centre = np.array([3.8 * np.cos(turn), height, 3.8 * np.sin(turn)])
-            light = _render(walls, centre) + np.roll(noise, 997 * view)[..., None]
-            srgb = image.linear_to_srgb(np.clip(light, 0.0, 1.0))
-            image_io.write(path, np.asarray(srgb))
+    count = PHOTOS // TIMES
+    for view in progress.track(range(count), count, "rendering", "picture"):
+        turn = (0.15 + 0.7 * view / count) * np.pi / 2
+        height = 1.4 + 0.4 * np.sin(view)
+        centre = np.array([3.8 * np.cos(turn), height, 3.8 * np.sin(turn)])
+        light = _render(walls, centre)
+        noisy = light + rng.normal(0.0, NOISE, light.shape)
+        srgb = np.asarray(image.linear_to_srgb(np.clip(noisy, 0.0, 1.0)))
+        large = srgb.repeat(BLOCK, axis=0).repeat(BLOCK, axis=1)
+        path = folder / f"{view:03}_0.jpg"
+        image_io.write(path, large[..., None] * TINT)
+        for copy in range(1, TIMES):
+            again = path.with_name(f"{view:03}_{copy}.jpg")
+            again.write_bytes(path.read_bytes() + bytes(copy))
 
 
 def _texture(rng: np.random.Generator) -> Float[np.ndarray, "texels texels"]:
@@ -79,25 +90,27 @@ def _texture(rng: np.random.Generator) -> Float[np.ndarray, "texels texels"]:
 
 def _render(
     walls: Float[np.ndarray, "walls texels texels"], centre: Float[np.ndarray, " 3"]
-) -> Float[np.ndarray, "height width 3"]:
-    """Linear light of a view into the corner, in blocks of BLOCK pixels."""
+) -> Float[np.ndarray, "_rows _columns"]:
+    """Linear light of a view into the corner, one value for each block of pixels."""
     back = centre - [0.6, 0.8, 0.6]
     back = back / np.linalg.norm(back)
     right = np.cross([0.0, 1.0, 0.0], back)
     right = right / np.linalg.norm(right)
-    x = (np.arange(0, WIDTH, BLOCK) - WIDTH / 2) / FOCAL
-    y = (HEIGHT / 2 - np.arange(0, HEIGHT, BLOCK)) / FOCAL
-    rays = x[:, None] * right + y[:, None, None] * np.cross(back, right) - back
-    distances = np.float32(-centre) / np.minimum(rays.astype(np.float32), -1e-6)
-    wall = distances.argmin(axis=-1)
-    points = centre + rays * distances.min(axis=-1)[..., None]
-    texel = (points * (TEXELS / WALL)).astype(np.int64) % TEXELS
-    # On wall a, along the axes a + 1 and a + 2.
-    u = np.take_along_axis(texel, ((wall + 1) % 3)[..., None], axis=-1)[..., 0]
-    v = np.take_along_axis(texel, ((wall + 2) % 3)[..., None], axis=-1)[..., 0]
-    light = EXPOSURE * walls[wall, u, v] * (0.7 + 0.1 * wall)
-    grey = light.repeat(BLOCK, axis=0).repeat(BLOCK, axis=1).astype(np.float32)
-    return grey[..., None] * np.array([1.0, 0.8, 0.6], np.float32)
+    x = (np.arange(0, WIDTH, BLOCK, dtype=np.float32) - WIDTH / 2) / FOCAL
+    y = (HEIGHT / 2 - np.arange(0, HEIGHT, BLOCK, dtype=np.float32))[:, None] / FOCAL
+    up = np.cross(back, right)
+    rays = [x * right[a] + y * up[a] - back[a] for a in range(3)]
+    reach = [-centre[a] / np.minimum(rays[a], -1e-6) for a in range(3)]
+    light = np.zeros((HEIGHT // BLOCK, WIDTH // BLOCK), np.float32)
+    for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        hit = (reach[a] <= reach[b]) & (reach[a] <= reach[c])
+        texels = [
+            ((centre[e] + rays[e][hit] * reach[a][hit]) * (TEXELS / WALL)).astype(int)
+            for e in (b, c)
+        ]
+        u, v = (texel % TEXELS for texel in texels)
+        light[hit] = EXPOSURE * (0.7 + 0.1 * a) * walls[a][u, v]
+    return light
 
 
 if __name__ == "__main__":

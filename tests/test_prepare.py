@@ -238,8 +238,7 @@ def test_a_disk_that_fills_up_keeps_what_was_computed(
         pytest.raises(UserError, match=r"scene.*cannot write.*goes on from here"),
     ):
         prepare(inputs(photos), scene, overwrite=False)
-    copies = sorted((scene / "work" / "blur_1").iterdir())
-    assert [path.name for path in copies] == [f"{i:06}.png" for i in range(VIEWS)]
+    assert len([*scene.glob("work/blur_1/*.png")]) == VIEWS
     monkeypatch.setattr(attempts, "make_copy", None)
     assert prepare(inputs(photos), scene, overwrite=False).registered == VIEWS
 
