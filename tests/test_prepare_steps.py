@@ -45,6 +45,12 @@ def test_a_copy_does_not_depend_on_how_dark_the_photo_is():
     assert 0.5 < copies[0].mean() < 1.0
 
 
+def test_light_by_table_is_light_by_formula():
+    levels = np.arange(256, dtype=np.float32) / 255.0
+    expected = np.asarray(image.srgb_to_linear(levels))
+    np.testing.assert_allclose(image.photo_to_linear(levels), expected, rtol=1e-6)
+
+
 def test_a_plain_copy_keeps_grey_as_it_is():
     grey = flat_picture(40.0)
     copy = brighten.make_copy(grey, brighten.AS_IT_IS)

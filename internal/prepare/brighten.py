@@ -15,7 +15,6 @@ from internal import image, image_io
 
 WHITE_PERCENTILE = 99.0  # of a photo's light: lamps are rarely larger than the rest
 WHITE = 0.8  # linear light that it is brought to
-LEVELS = 1 << 16
 LARGEST_SIDE = 1600  # pixels of a copy; more find no better cameras, only later
 
 
@@ -63,14 +62,6 @@ def make_copy(
 def _grey_light(
     srgb: Float[np.ndarray, "height width 3"],
 ) -> Float[np.ndarray, "height width 1"]:
-    """Linear light, mean of the channels, by a table with all 8- and 16-bit levels.
-
-    Large photos: a power per pixel takes longer than all else that is done to them.
-    """
-    levels = np.arange(LEVELS, dtype=np.float32) / (LEVELS - 1)
-    table = np.asarray(image.srgb_to_linear(levels)) / 3.0
-    grey = np.zeros(srgb.shape[:2], np.float32)
-    for channel in range(3):
-        place = np.clip(srgb[..., channel], 0.0, 1.0) * (LEVELS - 1)
-        grey += table[np.round(place).astype(np.uint16)]
-    return grey[..., None]
+    """Linear light, mean of the channels; one at a time, for large photos."""
+    red, green, blue = (image.photo_to_linear(srgb[..., i]) for i in range(3))
+    return ((red + green + blue) / 3.0)[..., None]

@@ -52,7 +52,7 @@ def sample_light(
     across = np.arange(WINDOW) - WINDOW // 2
     rows = (y + across[:, None]).clip(0, height - 1)
     columns = (x + across).clip(0, width - 1)
-    windows = np.asarray(image.srgb_to_linear(srgb[rows, columns]))
+    windows = image.photo_to_linear(srgb[rows, columns])
     found = windows.mean(axis=(1, 2))
     low, high = np.asarray(image.srgb_to_linear(np.array(LEVELS) / 255.0))
     told = (found > low) & (found < high)
