@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Peak memory and time of prepare.py on generated dark photos of 12 megapixels.
 
-python -m benchmarks.large_photos OUT
+python -m benchmarks.large_photos OUT --photos 200
 
 Interrupted, the same command goes on; the peak is then of what was left to do.
 """
@@ -18,8 +18,7 @@ from jaxtyping import Float
 from benchmarks import workload
 from internal import image, image_io, progress
 
-PHOTOS = 200
-TIMES = 8  # each picture
+PICTURES = 25  # different ones; beyond, each is used again
 WIDTH, HEIGHT, FOCAL = 4000, 3000, 3800.0
 TEXELS = 4096  # along a wall
 WALL = 4.0  # its length; three walls meet in the origin
@@ -32,9 +31,10 @@ NOISE = 2e-4  # of linear light
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path)
+    parser.add_argument("--photos", type=int, required=True)
     flags = parser.parse_args()
     if not (flags.out / "photos").exists():
-        write_photos(flags.out / "photos")
+        write_photos(flags.out / "photos", flags.photos)
     code = (
         "import sys, prepare; from benchmarks import workload;"
         "prepare.main(sys.argv[1:]); print(workload.peak_memory())"
@@ -51,19 +51,19 @@ def main() -> None:
     peak = float(output.splitlines()[-1])
     print(output)
     headers = ("photos of 12 megapixels", "peak memory of prepare.py, GB", "seconds")
-    print(workload.markdown(headers, [(PHOTOS, f"{peak:.2f}", f"{seconds:.0f}")]))
+    print(workload.markdown(headers, [(flags.photos, f"{peak:.2f}", f"{seconds:.0f}")]))
 
 
-def write_photos(folder: Path) -> None:
+def write_photos(folder: Path, photos: int) -> None:
     """Writes JPEG photos of a corner of a room, as one walks around in it.
 
-    Each picture several times, with some bytes behind it: the same file would be
+    A picture that is used again gets some bytes behind it: the same file would be
     left out.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(0)
     walls = np.stack([_texture(rng) for _ in range(3)])
-    count = PHOTOS // TIMES
+    count = min(photos, PICTURES)
     for view in progress.track(range(count), count, "rendering", "picture"):
         turn = (0.15 + 0.7 * view / count) * np.pi / 2
         height = 1.4 + 0.4 * np.sin(view)
@@ -72,11 +72,11 @@ def write_photos(folder: Path) -> None:
         noisy = light + rng.normal(0.0, NOISE, light.shape)
         srgb = np.asarray(image.linear_to_srgb(np.clip(noisy, 0.0, 1.0)))
         large = srgb.repeat(BLOCK, axis=0).repeat(BLOCK, axis=1)
-        path = folder / f"{view:03}_0.jpg"
+        path = folder / f"{view:03}.jpg"
         image_io.write(path, large[..., None] * TINT)
-        for copy in range(1, TIMES):
-            again = path.with_name(f"{view:03}_{copy}.jpg")
-            again.write_bytes(path.read_bytes() + bytes(copy))
+        for again in range(view + count, photos, count):
+            again_path = folder / f"{again:03}.jpg"
+            again_path.write_bytes(path.read_bytes() + bytes(again))
 
 
 def _texture(rng: np.random.Generator) -> Float[np.ndarray, "texels texels"]:

@@ -22,8 +22,8 @@ from internal.scene_loading import GAINS_FILE, find_truth, load_gains
 
 SHORT = (
     "Config.factor = 4",
-    "Train.max_steps = 1200",
-    "Train.enhance_start = 1000",
+    "Train.max_steps = 600",
+    "Train.enhance_start = 500",
 )
 COLUMNS = (
     ("dark", "psnr"),
@@ -43,7 +43,7 @@ def main() -> None:
     files = readers.read_files(flags.data_dir, "auto", "")
     truth = find_truth(files, flags.data_dir, "").paths[0].parent
     rows = []
-    for spread in (0.0, 1.0):
+    for spread in (1.0, 0.0):
         own = flags.out / f"stops{spread:g}"
         stops = random_stops(len(files.names), spread)
         if not (own / "photos").exists():
