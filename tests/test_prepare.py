@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """prepare.py end to end on a rendered room: cameras, files, report, bad input."""
 
+import contextlib
 import json
+import resource
 import shutil
 import subprocess
 import sys
@@ -194,6 +196,13 @@ def test_photos_without_overlap_are_refused(tmp_path, only_first_way):
         prepare(inputs(folder), tmp_path / "scene", overwrite=False)
 
 
+def test_black_photos_are_refused(tmp_path):
+    for level in range(3):
+        image_io.write(tmp_path / f"{level}.png", flat_picture(float(level)))
+    with pytest.raises(UserError, match=r"0 usable photos of 3.*0\.png: black"):
+        prepare(inputs(tmp_path), tmp_path.parent / "scene", overwrite=False)
+
+
 def test_too_few_usable_photos_are_refused(tmp_path):
     folder = tmp_path / "photos"
     write_room(folder, 2)
@@ -207,6 +216,31 @@ def test_a_full_disk_stops_before_the_work(photos, tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
     with pytest.raises(UserError, match="free space"):
         prepare(inputs(photos), tmp_path / "scene", overwrite=False)
+
+
+@contextlib.contextmanager
+def files_of_at_most(size):
+    """Writing more bytes into a file fails, in COLMAP's threads as well."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_disk_that_fills_up_keeps_what_was_computed(
+    photos, tmp_path, monkeypatch, only_first_way
+):
+    scene = tmp_path / "scene"
+    with (
+        files_of_at_most(1 << 20),
+        pytest.raises(UserError, match=r"scene.*cannot write.*goes on from here"),
+    ):
+        prepare(inputs(photos), scene, overwrite=False)
+    assert len([*scene.glob("work/blur_1/*.png")]) == VIEWS
+    monkeypatch.setattr(attempts, "make_copy", None)
+    assert prepare(inputs(photos), scene, overwrite=False).registered == VIEWS
 
 
 def test_the_folder_of_photos_is_never_written_to(photos, tmp_path):

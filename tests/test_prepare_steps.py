@@ -11,10 +11,19 @@ from internal import colmap, image, image_io, made_folder, raw, video
 from internal.errors import UserError
 from internal.pose_comparison import compare
 from internal.poses import transform_poses
-from internal.prepare import brighten, checks, exposures, matching, reasons, statistics
+from internal.prepare import (
+    brighten,
+    checks,
+    exposures,
+    matching,
+    photos,
+    reasons,
+    statistics,
+)
 from internal.prepare.checking import epipolar_error, neighbours
 from internal.prepare.orient import DISTANCE, scene_frame
 from internal.prepare.photos import find_photos
+from internal.prepare.pipeline import NOTES
 from internal.prepare.video_frames import extract_frames
 
 RECIPE = brighten.Recipe(brighten=True, blur=1.0)
@@ -34,6 +43,12 @@ def test_a_copy_does_not_depend_on_how_dark_the_photo_is():
     np.testing.assert_allclose(copies[0], copies[1], atol=1e-4)
     np.testing.assert_allclose(copies[0], copies[2], atol=1e-3)
     assert 0.5 < copies[0].mean() < 1.0
+
+
+def test_light_by_table_is_light_by_formula():
+    levels = np.arange(256, dtype=np.float32) / 255.0
+    expected = np.asarray(image.srgb_to_linear(levels))
+    np.testing.assert_allclose(image.photo_to_linear(levels), expected, rtol=1e-6)
 
 
 def test_a_plain_copy_keeps_grey_as_it_is():
@@ -137,6 +152,14 @@ def test_light_is_sampled_where_pixels_say_and_not_where_it_is_clipped():
     np.testing.assert_allclose(light[1], expected, rtol=1e-5)
 
 
+def test_what_stops_colmap_is_said_in_one_line(tmp_path):
+    database = tmp_path / "database.db"
+    database.write_bytes(b"no database" * 100)
+    copies = [matching.Copy(8, 8, "one", 0.0)]
+    with pytest.raises(UserError, match=r"COLMAP stopped \(.*\); .*--overwrite"):
+        matching.extract_features(database, tmp_path, copies, 0.01)
+
+
 def test_pairs_are_all_or_neighbours_and_ever_farther_ones():
     assert len(matching.choose_pairs(10, exhaustive=True)) == 45
     pairs = matching.choose_pairs(200, exhaustive=False)
@@ -228,11 +251,22 @@ def test_the_sharpest_frame_of_each_interval_is_kept(tmp_path):
     assert all(image_io.read_srgb(p).std() > 0.1 for p in kept)
 
 
+def test_what_was_read_before_is_not_read_again(tmp_path, monkeypatch):
+    for i in range(4):
+        image_io.write(tmp_path / f"{i}.png", flat_picture(10.0 * i))
+    before = find_photos(tmp_path, tmp_path / NOTES)
+    with (tmp_path / NOTES).open("a") as file:
+        file.write('["5.png", {"na')
+    monkeypatch.setattr(photos, "read_photo", None)
+    assert find_photos(tmp_path, tmp_path / NOTES) == before
+    assert [len(before.photos), before.rejected[0].name] == [3, "0.png"]
+
+
 def test_raw_beside_its_jpeg_is_one_shot(tmp_path):
     for i in range(3):
         image_io.write(tmp_path / f"{i}.jpg", flat_picture(20.0 + i))
     (tmp_path / "1.dng").write_bytes(b"raw")
-    found = find_photos(tmp_path)
+    found = find_photos(tmp_path, tmp_path / NOTES)
     assert [photo.name for photo in found.photos] == ["0.jpg", "1.jpg", "2.jpg"]
     assert found.rejected[0].reason.startswith("the same shot as 1.jpg")
 
@@ -246,7 +280,7 @@ def test_a_broken_raw_photo_is_named(tmp_path):
 def test_linear_photos_become_8_bit_png(tmp_path):
     for i in range(3):
         image_io.write(tmp_path / f"{i}.exr", np.full((8, 8, 3), 0.01 * (i + 1)))
-    photo = find_photos(tmp_path).photos[0]
+    photo = find_photos(tmp_path, tmp_path / NOTES).photos[0]
     assert photo.scene_name == "0.png"
     assert photo.statistics.mean == 25.0  # sRGB of 0.01 is 0.0999
 

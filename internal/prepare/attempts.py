@@ -117,7 +117,7 @@ def _try_way(way: Way, copies: Sequence[Copy], read: ReadView, work: Path) -> At
     exhaustive = way.exhaustive or len(copies) <= matching.EXHAUSTIVE_UP_TO
     matching.match(database, matching.choose_pairs(len(copies), exhaustive=exhaustive))
     if way.globally:
-        models = mapping.map_globally(database, folder)
+        models = mapping.map_globally(database, folder, len(copies))
     else:
         models = mapping.map_incrementally(database, folder, len(copies))
     return Attempt(way, database, tuple(models))

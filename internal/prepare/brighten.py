@@ -47,7 +47,7 @@ def make_copy(
     Light is averaged before it is brightened: that removes noise, and 8-bit steps
     of dark photos with it.
     """
-    linear = np.asarray(image.srgb_to_linear(srgb)).mean(axis=-1, keepdims=True)
+    linear = _grey_light(srgb)
     width, height = copy_size(linear.shape[1], linear.shape[0])
     if (height, width) != linear.shape[:2]:
         linear = image_io.resize_area(linear, width, height)
@@ -57,3 +57,11 @@ def make_copy(
         white = float(np.percentile(linear, WHITE_PERCENTILE))
         linear = linear * (WHITE / max(white, np.finfo(np.float32).tiny))
     return np.clip(np.asarray(image.linear_to_srgb(linear)), 0.0, 1.0)
+
+
+def _grey_light(
+    srgb: Float[np.ndarray, "height width 3"],
+) -> Float[np.ndarray, "height width 1"]:
+    """Linear light, mean of the channels; one at a time, for large photos."""
+    red, green, blue = (image.photo_to_linear(srgb[..., i]) for i in range(3))
+    return ((red + green + blue) / 3.0)[..., None]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy import ndimage, sparse
+from scipy import sparse
 
 from internal import atomic, image
 
@@ -47,11 +47,13 @@ def sample_light(
 
     NaN where the photo is too dark or too bright to tell.
     """
-    linear = np.asarray(image.srgb_to_linear(srgb))
-    light = ndimage.uniform_filter(linear, WINDOW, mode="nearest", axes=(0, 1))
-    x, y = np.floor(pixels).astype(np.int64).T
     height, width = srgb.shape[:2]
-    found = light[y.clip(0, height - 1), x.clip(0, width - 1)]
+    x, y = np.floor(pixels).astype(np.int64).T[..., None, None]
+    across = np.arange(WINDOW) - WINDOW // 2
+    rows = (y + across[:, None]).clip(0, height - 1)
+    columns = (x + across).clip(0, width - 1)
+    windows = image.photo_to_linear(srgb[rows, columns])
+    found = windows.mean(axis=(1, 2))
     low, high = np.asarray(image.srgb_to_linear(np.array(LEVELS) / 255.0))
     told = (found > low) & (found < high)
     return np.log(np.where(told, found, np.nan))

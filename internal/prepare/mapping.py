@@ -15,11 +15,13 @@ from jaxtyping import Float, Int
 from tqdm import tqdm
 
 from internal import colmap, progress
-from internal.prepare.matching import SEED, view_of
+from internal.prepare.matching import MAX_FEATURES, SEED, view_of
+from internal.prepare.room import room
 
 FEWEST_IMAGES = 3
 # Photos taken by hand from one side turn less about the scene than COLMAP's 16.
 INITIAL_ANGLE = 4.0  # degrees
+BYTES_PER_FEATURE = 60  # in a model: as a feature and, if it is one, as a sighting
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +64,10 @@ def map_incrementally(database: Path, work: Path, views: int) -> list[Model]:
         extract_colors=False,
     )
     options.mapper.init_min_tri_angle = INITIAL_ANGLE
-    with progress.bar(views, "placing cameras", "photo") as shown:
+    with (
+        room(work, views * MAX_FEATURES * BYTES_PER_FEATURE),
+        progress.bar(views, "placing cameras", "photo") as shown,
+    ):
         found = pycolmap.incremental_mapping(
             database,
             work,
@@ -76,12 +81,13 @@ def map_incrementally(database: Path, work: Path, views: int) -> list[Model]:
     return models
 
 
-def map_globally(database: Path, work: Path) -> list[Model]:
+def map_globally(database: Path, work: Path, views: int) -> list[Model]:
     """Places all views at once (GLOMAP); the order of results is as above."""
     options = pycolmap.GlobalPipelineOptions(
         num_threads=1, random_seed=SEED, min_model_size=FEWEST_IMAGES
     )
-    return _by_size(pycolmap.global_mapping(database, work, _output(work), options))
+    with room(work, views * MAX_FEATURES * BYTES_PER_FEATURE):
+        return _by_size(pycolmap.global_mapping(database, work, _output(work), options))
 
 
 def observations(model: Model) -> Observations:
@@ -128,7 +134,8 @@ def write_model(
         reconstruction.camera(camera_id).rescale(width, height)
     reconstruction.transform(pycolmap.Sim3d(similarity[:3]))
     folder.mkdir(parents=True, exist_ok=True)
-    reconstruction.write_binary(str(folder))
+    with room(folder, len(names) * MAX_FEATURES * BYTES_PER_FEATURE):
+        reconstruction.write_binary(str(folder))
 
 
 def camera_poses(model: Model) -> Float[np.ndarray, "n 3 4"]:

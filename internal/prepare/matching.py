@@ -18,6 +18,7 @@ import pycolmap
 from jaxtyping import Float, Int
 
 from internal import progress
+from internal.prepare.room import room
 
 SEED = 1
 EXHAUSTIVE_UP_TO = 100  # views; beyond, neighbours in order of names come first
@@ -25,6 +26,10 @@ SEQUENCE_OVERLAP = 12
 MAX_FEATURES = 4096  # per copy: the largest ones, which noise disturbs least
 COPIES_PER_CALL = 8
 PAIRS_PER_CALL = 200
+BYTES_PER_FEATURE = 200  # in the database: position and descriptor
+BYTES_PER_MATCH = 20  # both ends, before and after verification
+BYTES_PER_COPY = 2000  # name, lens, frame
+LOGGED = 2  # the database writes twice: its log first
 # Focal length over the longer side where EXIF says nothing: about 43 mm equivalent.
 UNKNOWN_FOCAL = 1.2
 LENS_MODEL = "SIMPLE_RADIAL"
@@ -77,9 +82,11 @@ def extract_features(
     with progress.bar(len(names), "finding features", "photo") as shown:
         for start in range(0, len(names), COPIES_PER_CALL):
             chunk = names[start : start + COPIES_PER_CALL]
-            pycolmap.extract_features(
-                database, folder, image_names=chunk, extraction_options=options
-            )
+            features = len(chunk) * MAX_FEATURES
+            with room(database.parent, LOGGED * features * BYTES_PER_FEATURE):
+                pycolmap.extract_features(
+                    database, folder, image_names=chunk, extraction_options=options
+                )
             shown.update(len(chunk))
 
 
@@ -94,8 +101,10 @@ def match(database: Path, pairs: Pairs) -> None:
         for start in range(0, len(pairs), PAIRS_PER_CALL):
             chunk = pairs[start : start + PAIRS_PER_CALL]
             lines = [f"{copy_name(i)} {copy_name(j)}" for i, j in chunk]
-            listing.write_text("\n".join(lines) + "\n")
-            pycolmap.match_image_pairs(database, matching, pairing, verification)
+            matches = len(chunk) * MAX_FEATURES
+            with room(database.parent, LOGGED * matches * BYTES_PER_MATCH):
+                listing.write_text("\n".join(lines) + "\n")
+                pycolmap.match_image_pairs(database, matching, pairing, verification)
             shown.update(len(chunk))
 
 
@@ -144,8 +153,13 @@ def _opened(database: Path) -> pycolmap.Database:
 
 
 def _enter_copies(database: Path, copies: Sequence[Copy]) -> None:
-    """Enters lenses and images, numbered by view, unless they are there."""
-    with _opened(database) as opened:
+    """Enters lenses and images, numbered by view: all of them, and only once."""
+    size = LOGGED * len(copies) * BYTES_PER_COPY
+    with (
+        room(database.parent, size),
+        _opened(database) as opened,
+        pycolmap.DatabaseTransaction(opened),
+    ):
         if opened.num_images():
             return
         rigs: dict[str, tuple[int, int]] = {}

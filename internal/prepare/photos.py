@@ -4,8 +4,10 @@
 Sizes are upright (width, height) in pixels. A name is a path relative to the folder.
 """
 
+import contextlib
 import dataclasses
 import hashlib
+import json
 import math
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
@@ -60,8 +62,11 @@ class Found:
     rejected: tuple[Rejected, ...]
 
 
-def find_photos(folder: Path) -> Found:
+def find_photos(folder: Path, notes: Path) -> Found:
     """Reads every photo once and sorts out what cannot be used; shows progress.
+
+    Args:
+        notes: file that says what photos hold; those in it are not read again.
 
     Raises:
         UserError: the folder is missing, or holds fewer than ``FEWEST`` usable ones.
@@ -69,10 +74,13 @@ def find_photos(folder: Path) -> Found:
     names = list_names(folder)
     rejected = _twins(folder, names)
     photos = []
+    known = _read_notes(notes, folder)
     for name in progress.track(names, len(names), "reading photos", "photo"):
         if name in rejected:
             continue
-        result = _inspect(folder, name)
+        result = known.get(name) or _inspect(folder, name)
+        if name not in known:
+            _note(notes, name, result)
         if isinstance(result, Photo):
             photos.append(result)
         else:
@@ -160,6 +168,32 @@ def _inspect(folder: Path, name: str) -> Photo | str:
     focal = exif.focal_35mm / FILM_DIAGONAL * math.hypot(width, height)
     camera = f"{exif.camera} {width}x{height} {exif.focal_35mm:g}".strip()
     return Photo(path, name, width, height, camera, focal, statistics)
+
+
+def _note(notes: Path, name: str, result: Photo | str) -> None:
+    """Appends what a photo holds, or why it is unusable, as a line of JSON."""
+    entry = result
+    if isinstance(result, Photo):
+        entry = dataclasses.asdict(dataclasses.replace(result, path=Path()))
+        del entry["path"]
+    with notes.open("a") as file:
+        file.write(json.dumps([name, entry]) + "\n")
+
+
+def _read_notes(notes: Path, folder: Path) -> dict[str, Photo | str]:
+    """What ``_note`` wrote; a last line that was cut short does not count."""
+    known: dict[str, Photo | str] = {}
+    for line in notes.read_text().splitlines() if notes.is_file() else ():
+        with contextlib.suppress(ValueError):
+            name, entry = json.loads(line)
+            if isinstance(entry, dict):
+                histogram = tuple(entry["statistics"].pop("histogram"))
+                measured = PhotoStatistics(
+                    **entry.pop("statistics"), histogram=histogram
+                )
+                entry = Photo(folder / name, **entry, statistics=measured)
+            known[name] = entry
+    return known
 
 
 def _digest(path: Path) -> str:

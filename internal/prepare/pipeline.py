@@ -27,13 +27,14 @@ from internal.prepare.orient import scene_frame
 from internal.prepare.photos import Photo, Rejected, find_photos, read_photo
 from internal.prepare.reasons import second_scene, why_unplaced
 from internal.prepare.report import FOLDER, Report, Tried, read_report, write_report
+from internal.prepare.room import cannot_write
 from internal.prepare.summary import summarize, summarize_failure, train_command
 from internal.prepare.video_frames import extract_frames
 from internal.scene_loading import ASPECT_TOLERANCE, GAINS_FILE
 
 CONTENT = 1  # counts changes of what is written; older scenes are refused
 WORK = "work"
-BYTES_PER_FEATURE = 200  # position and descriptor, in the database
+NOTES = "photos.jsonl"
 BYTES_PER_PIXEL = 1.0  # of a copy's PNG
 
 
@@ -59,10 +60,7 @@ def prepare(inputs: Inputs, scene: Path, *, overwrite: bool) -> Report:
     try:
         return _prepare(inputs, scene)
     except OSError as error:
-        raise UserError(
-            f"{scene}: cannot write ({error.strerror}); free space and run the same "
-            "command again: it goes on from here"
-        ) from error
+        raise cannot_write(scene, error) from error
 
 
 def _prepare(inputs: Inputs, scene: Path) -> Report:
@@ -71,7 +69,8 @@ def _prepare(inputs: Inputs, scene: Path) -> Report:
     if folder.is_file():
         extract_frames(folder, work / "frames")
         folder = work / "frames"
-    found = find_photos(folder)
+    work.mkdir(exist_ok=True)
+    found = find_photos(folder, work / NOTES)
     photos = found.photos
     truth = scene_files.pair_truth(photos, inputs.truth) if inputs.truth else None
     sources = _pose_sources(photos, inputs.pose_images)
@@ -188,7 +187,7 @@ def _copy(photo: Photo, source: Path) -> Copy:
 
 def _check_space(scene: Path, photos: Sequence[Photo], copies: Sequence[Copy]) -> None:
     """Stops before hours of work that would end with a full disk."""
-    features = matching.MAX_FEATURES * BYTES_PER_FEATURE
+    features = matching.MAX_FEATURES * matching.BYTES_PER_FEATURE
     needed = sum(photo.path.stat().st_size for photo in photos) + sum(
         int(copy.width * copy.height * BYTES_PER_PIXEL) + features for copy in copies
     )

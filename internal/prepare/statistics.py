@@ -9,9 +9,10 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 from scipy import ndimage
 
+from internal import image
 from internal.noise import noise_level
 
 LEVELS = 256
@@ -25,7 +26,7 @@ class PhotoStatistics:
     """Numbers of one photo; levels are 0 to 255."""
 
     mean: float
-    bright: float  # level of the brightest thousandth
+    bright: int  # level of the brightest thousandth
     noise: float  # standard deviation of single pixels, levels
     used_levels: float  # different levels of green from its 1 to 99 percentile
     black_fraction: float  # of green values that are 0
@@ -39,18 +40,29 @@ class PhotoStatistics:
 
 def measure(srgb: Float[np.ndarray, "height width 3"]) -> PhotoStatistics:
     """Measures one photo."""
-    levels = np.round(np.clip(srgb, 0.0, 1.0) * (LEVELS - 1)).astype(np.uint8)
-    green = levels[..., 1]
-    low, high = np.percentile(green, [1.0, 99.0])
-    used = np.unique(green)
+    levels = [image.to_uint8(srgb[..., channel]) for channel in range(3)]
+    counts = [_count(channel) for channel in levels]
+    green, total = counts[1], np.sum(counts, axis=0)
+    low, high = _percentile(green, 1.0), _percentile(green, 99.0)
     return PhotoStatistics(
-        mean=float(levels.mean()),
-        bright=float(np.percentile(levels.max(axis=-1), BRIGHT_PERCENTILE)),
+        mean=float((total * np.arange(LEVELS)).sum() / total.sum()),
+        bright=_percentile(_count(np.maximum.reduce(levels)), BRIGHT_PERCENTILE),
         noise=noise_level(srgb[..., 1]) * (LEVELS - 1),
-        used_levels=float(((used >= low) & (used <= high)).sum()),
-        black_fraction=float((green == 0).mean()),
-        histogram=tuple(np.bincount(levels.ravel(), minlength=LEVELS).tolist()),
+        used_levels=float(np.count_nonzero(green[low : high + 1])),
+        black_fraction=float(green[0] / green.sum()),
+        histogram=tuple(total.tolist()),
     )
+
+
+def _count(levels: UInt8[np.ndarray, "height width"]) -> Int[np.ndarray, " levels"]:
+    """How many pixels have each level."""
+    return np.bincount(levels.ravel(), minlength=LEVELS)
+
+
+def _percentile(counts: Int[np.ndarray, " levels"], percent: float) -> int:
+    """The lowest level that so many percent of the pixels do not exceed."""
+    reached = np.cumsum(counts) >= percent / 100.0 * counts.sum()
+    return int(np.argmax(reached))
 
 
 def sharpness(grey: Float[np.ndarray, "height width"]) -> float:
