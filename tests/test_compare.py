@@ -96,7 +96,7 @@ def test_every_method_has_a_row_and_a_picture(scene, trainings, capsys):
         assert image_io.read_srgb(Path(f"out/scene/{name}.png")).size > 0
     assert {p.suffix for p in Path("out").glob("table.*")} == {".md", ".csv", ".tex"}
     page = Path("out/index.html").read_text()
-    assert "scene/comparison.png" in page and "methods.toml" in page
+    assert "scene/comparison.png" in page and "<h2>Command</h2>" in page
     shown = "scene/scores/lime/dark/00.png", "scene/runs/tiny@dark/eval/v/00.png"
     assert all(urllib.parse.quote(picture) in page for picture in shown)
     assert "Training on scene" in page
