@@ -20,6 +20,8 @@ from tests.browser import until
 WIDTH, HEIGHT = 36, 32  # of photos and frames, so that they can be compared
 SIZE = f"{WIDTH} x {HEIGHT}"
 ZOOM = 16  # screen pixels per pixel of a frame
+# Messages lie on the picture for a while.
+CLICK_THROUGH = "[class*=Notification] { pointer-events: none !important }"
 QUIET = 0.8  # seconds; a camera that is let go glides on for a while
 
 
@@ -38,6 +40,7 @@ class ViewerPage:
         self.server = Server(config, self.studio, "127.0.0.1", port=0)
         self.page = browser.new_page(viewport={"width": 900, "height": ZOOM * HEIGHT})
         self.page.goto(self.server.address)
+        self.page.add_style_tag(content=CLICK_THROUGH)
         until(lambda: self.frames, "a first picture")
         beside = 900 - self._canvas().bounding_box()["width"]  # the panel
         viewport = {"width": round(ZOOM * WIDTH + beside), "height": ZOOM * HEIGHT}
@@ -86,6 +89,7 @@ class ViewerPage:
         self.press("Reset the light")
         self.choose("Picture", "enhanced")
         self.choose("Beside it", "nothing")
+        self.settle()
 
     def stand_at(self, name: str) -> None:
         """Goes to where a photo was taken."""
