@@ -21,7 +21,7 @@ COLORS = ("#3d8bd4", "#9a9a9a", "#d9822b")  # A, undecided, B
 LINE_COLORS = (COLORS[0], COLORS[2], "#4caf6e", "#b565c9", "#d9534f", "#8a7a5c")
 COLUMNS = 3
 
-Curve = Sequence[tuple[float, float]]  # (step, value)
+Curve = Sequence[tuple[int, int | float]]  # (step, value)
 
 
 def curves(series: Mapping[str, Mapping[str, Curve]]) -> str:

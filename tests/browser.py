@@ -15,7 +15,7 @@ ARGUMENTS = (
     "--disable-component-update --disable-sync --disable-dev-shm-usage --mute-audio"
 ).split()
 NAMES = ("chromium", "google-chrome", "chromium-browser")
-PATIENCE = 30.0
+PATIENCE = 90.0  # seconds; machines may be busy
 
 
 @contextlib.contextmanager
