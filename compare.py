@@ -17,7 +17,13 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from internal import cli, comparison, comparison_figures, comparison_report
+from internal import (
+    cli,
+    comparison,
+    comparison_figures,
+    comparison_page,
+    comparison_report,
+)
 from internal.comparison import Job
 from internal.methods import methods_for, read_methods
 
@@ -63,7 +69,7 @@ def main(argv: Sequence[str]) -> int:
         )
     ]
     print(comparison_report.write_tables(flags.out, results))
-    print(comparison_report.write_page(flags.out, results, figures))
+    print(comparison_page.write_page(flags.out, results, figures))
     if failed:
         print(f"error: no rows of: {'; '.join(failed)}", file=sys.stderr)
     return cli.FAILURE_EXIT if failed else 0

@@ -74,7 +74,9 @@ def main(argv: Sequence[str]) -> int:
         f"{scene.name}: test views at step {int(state.step)}",
         "Views that training never saw, rendered by the trained model.",
         [
-            report.compare_outputs(written),
+            report.compare_outputs(
+                written, "enhanced" if "enhanced" in written else "dark"
+            ),
             table,
             *(_section(output, media) for output, media in written.items()),
             *report.training_parts(folder.parent),

@@ -6,7 +6,8 @@ python sweep.py FLAGS OF train.py --variants configs/ablations/*.gin \
 
 A variant is a gin file, or a label, a colon and bindings with ; between them. Each
 runs in CHECKPOINT_DIR/NAME on top of the flags; the flags alone are the variant
-"full". Writes table.md, table.csv and sheet.png. Run again, it does what is missing.
+"full". Writes index.html, table.md, table.csv and sheet.png. Run again, it does what
+is missing.
 """
 
 import argparse
@@ -14,7 +15,16 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from internal import cli, configs, contact_sheet, evaluation, image_io, run_folder
+from internal import (
+    cli,
+    configs,
+    contact_sheet,
+    evaluation,
+    image_io,
+    pages,
+    report,
+    run_folder,
+)
 from internal.errors import UserError
 from internal.pages import Table
 from internal.scored_run import train_and_score
@@ -95,7 +105,35 @@ def write_comparison(folder: Path, names: list[str]) -> None:
     ]
     sheet = contact_sheet.contact_sheet(pictures, names, PICTURES)
     image_io.write(folder / "sheet.png", sheet)
-    print(f"{table}\n{folder / 'table.md'}\n{folder / 'sheet.png'}")
+    page = write_page(folder, names, Table("Scores", "Test views.", headers, rows))
+    print(f"{table}\n{folder / 'table.md'}\n{folder / 'sheet.png'}\n{page}")
+
+
+def write_page(folder: Path, names: list[str], scores: Table) -> Path:
+    """Writes index.html: scores, any two pictures of a view, how variants trained."""
+    evaluated = {name: folder / name / "eval" for name in names}
+    media = {
+        picture: report.pictures_in(folder, evaluated[names[0]] / picture)
+        for picture in ("input", "truth")
+    }
+    for part in ("enhanced", *report.PARTS):
+        for name, pictures in evaluated.items():
+            media[f"{name}: {part}"] = report.pictures_in(folder, pictures / part)
+    return pages.write_index(
+        folder,
+        "Comparison of variants",
+        "One scene, one change of the configuration per variant.",
+        [
+            scores,
+            report.compare_outputs(media, f"{names[0]}: enhanced"),
+            pages.Section("First test view", "", (("sheet.png", "all variants"),)),
+            *report.training_curves(
+                "Training", {name: folder / name for name in names}
+            ),
+            report.links_to_models("Models", folder, evaluated),
+            report.this_command(),
+        ],
+    )
 
 
 if __name__ == "__main__":

@@ -6,29 +6,44 @@ white. The same numbers give the same text.
 """
 
 import io
+import itertools
 from collections.abc import Mapping, Sequence
 
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from internal.study.answers import Preference
 
 INK = "#8a8a8a"
 COLORS = ("#3d8bd4", "#9a9a9a", "#d9822b")  # A, undecided, B
+LINE_COLORS = (COLORS[0], COLORS[2], "#4caf6e", "#b565c9", "#d9534f", "#8a7a5c")
 COLUMNS = 3
 
+Curve = Sequence[tuple[int, int | float]]  # (step, value)
 
-def curves(steps: Sequence[int], series: Mapping[str, Sequence[float]]) -> str:
-    """Small charts side by side, one per series, over training steps."""
+
+def curves(series: Mapping[str, Mapping[str, Curve]]) -> str:
+    """Small charts side by side, by title, over training steps; a line per label,
+    whose colour is the same in every chart. The label "" is not explained."""
+    labels = list(dict.fromkeys(label for lines in series.values() for label in lines))
+    colors = dict(zip(labels, itertools.cycle(LINE_COLORS), strict=False))
     rows = -(-len(series) // COLUMNS)
-    figure = _figure(3.6 * COLUMNS, 2.1 * rows)
-    for index, (name, values) in enumerate(series.items()):
+    figure = _figure(3.6 * COLUMNS, 2.1 * rows + 0.25 * len(labels))
+    for index, (name, lines) in enumerate(series.items()):
         axes = figure.add_subplot(rows, COLUMNS, index + 1)
-        axes.plot(steps, values, color=COLORS[0], linewidth=1.5)
+        for label, curve in lines.items():
+            axes.plot(*zip(*curve, strict=True), color=colors[label], linewidth=1.5)
         axes.set_title(name, fontsize=10, color=INK)
         axes.tick_params(labelsize=8)
         _recolor(axes)
+    if any(labels):
+        handles = [Line2D([], [], color=colors[label]) for label in labels]
+        figure.legend(
+            handles, labels, loc="outside upper left", ncols=2, frameon=False,
+            labelcolor=INK,
+        )  # fmt: skip
     return _svg(figure)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a comparison hands over: tables in Markdown, CSV and LaTeX, and a page.
+"""The tables of a comparison in Markdown, CSV and LaTeX.
 
 ``results.json`` holds the same as the tables, with the folders of the pictures, for
 figures.py.
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from internal import pages, run_folder
+from internal import run_folder
 from internal.comparison import Result, Results
 from internal.errors import UserError
 from internal.evaluation import LOWER_IS_BETTER, as_text
@@ -50,10 +50,10 @@ def write_tables(out: Path, results: Results) -> str:
     }
     run_folder.write_text(out / RESULTS, json.dumps(content, indent=2) + "\n")
     blocks = _blocks(results)
-    tables = [_table(scene, rows, bold=True) for scene, rows in blocks.items()]
-    markdown = "\n\n".join(f"## {t.heading}\n\n{as_text(t)}" for t in tables)
+    bold = [_table(scene, rows, bold=True) for scene, rows in blocks.items()]
+    markdown = "\n\n".join(f"## {t.heading}\n\n{as_text(t)}" for t in bold)
     run_folder.write_text(out / "table.md", f"{TEXT}\n\n{markdown}\n")
-    latex = "\n\n".join(map(as_latex, tables))
+    latex = "\n\n".join(map(as_latex, bold))
     run_folder.write_text(out / "table.tex", latex + "\n")
     write_csv(
         out / "table.csv",
@@ -84,17 +84,9 @@ def read_results(out: Path) -> Results:
     }
 
 
-def write_page(out: Path, results: Results, figures: Sequence[Path]) -> Path:
-    """Writes ``index.html`` with the tables and, below them, the figures."""
-    tables = [
-        _table(scene, rows, bold=False) for scene, rows in _blocks(results).items()
-    ]
-    media = tuple(
-        (path.relative_to(out).as_posix(), f"{path.parent.name}: {path.stem}")
-        for path in figures
-    )
-    about = pages.Section("Pictures", "The first test view of each scene.", media)
-    return pages.write_index(out, "Comparison of methods", TEXT, [*tables, about])
+def tables(results: Results) -> list[Table]:
+    """A table per scene, after their mean where there are several scenes."""
+    return [_table(scene, rows, bold=False) for scene, rows in _blocks(results).items()]
 
 
 def _blocks(results: Results) -> dict[str, Rows]:

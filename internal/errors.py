@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one exception that means "the user can fix this"."""
+"""Errors that a user is told in one line."""
 
 
 class UserError(Exception):
@@ -9,3 +9,8 @@ class UserError(Exception):
 
 class Diverged(Exception):
     """Training met a NaN or an infinity: one line that names the loss and step."""
+
+
+def one_line(error: Exception) -> str:
+    """What a page says of any error: the start of its message, or its kind."""
+    return " ".join(str(error).split())[:300] or type(error).__name__

@@ -91,7 +91,8 @@ def assemble(parts: Sequence[Any], camera: Cameras) -> Any:
     width, height = int(camera.widths[0]), int(camera.heights[0])
 
     def join(*chunks: Array) -> Array:
-        pixels = jnp.concatenate(chunks)[: width * height]
-        return pixels.reshape(height, width, -1)
+        # On the host: pictures come in many shapes, and each would be compiled.
+        pixels = np.concatenate([np.asarray(chunk) for chunk in chunks])
+        return jnp.asarray(pixels[: width * height].reshape(height, width, -1))
 
     return jax.tree.map(join, *parts)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A real headless Chromium for tests, where one is installed."""
 
-import os
+import contextlib
 import shutil
 import time
 from collections.abc import Callable, Iterator
@@ -12,21 +12,24 @@ import pytest
 ARGUMENTS = (
     "--no-sandbox --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader "
     "--disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync"
+    "--disable-component-update --disable-sync --disable-dev-shm-usage --mute-audio"
 ).split()
-PATIENCE = 120.0  # seconds; machines may be busy
+NAMES = ("chromium", "google-chrome", "chromium-browser")
+PATIENCE = 90.0  # seconds; machines may be busy
 
 
+@contextlib.contextmanager
 def chromium() -> Iterator:
-    """Yields a browser; skips the test unless it is asked for and can be had."""
-    if not os.environ.get("LLNERF_BROWSER"):
-        pytest.skip("set LLNERF_BROWSER=1 to drive the pages in Chromium")
-    path = shutil.which("chromium") or shutil.which("chromium-browser")
-    if path is None:
-        pytest.skip("no chromium installed (Debian: apt-get install chromium)")
+    """A browser; skips the test where none is installed or none starts."""
     sync_api = pytest.importorskip("playwright.sync_api")
+    path = next(filter(None, map(shutil.which, NAMES)), None)
+    if path is None:
+        pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
+        try:
+            browser = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
+        except sync_api.Error as error:
+            pytest.skip(f"{path} does not start: {str(error).splitlines()[0]}")
         yield browser
         browser.close()
 
@@ -36,4 +39,4 @@ def until(holds: Callable[[], object], what: str) -> None:
     end = time.monotonic() + PATIENCE
     while not holds():
         assert time.monotonic() < end, f"not in {PATIENCE} s: {what}"
-        time.sleep(0.1)
+        time.sleep(0.05)

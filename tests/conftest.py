@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import make_scene
+import train as train_script
 from internal.cameras import Cameras
 from internal.configs import Config, load_config
 from internal.coord import ForwardFacing
@@ -41,6 +43,34 @@ TINY_MODEL = (
     "Render.chunk = 64",
     "Render.frames = 3",
 )
+
+
+def bindings(scene: Path) -> list[str]:
+    """Gin bindings of the tiny model on a scene."""
+    return [*TINY_MODEL, f"Config.data_dir = {str(scene)!r}"]
+
+
+def flags(scene: Path, run: Path, *own: str) -> list[str]:
+    """A script's flags for the tiny model in a run folder, with own bindings."""
+    run_binding = f"Config.checkpoint_dir = {str(run)!r}"
+    return [f"--gin_bindings={b}" for b in (*bindings(scene), run_binding, *own)]
+
+
+@pytest.fixture(scope="session")
+def night(tmp_path_factory) -> Path:
+    """The night scene, six views of 36 x 32 pixels."""
+    folder = tmp_path_factory.mktemp("scenes") / "night"
+    size = ["--views", "6", "--width", "36", "--height", "32"]
+    assert make_scene.main(["night", str(folder), *size]) == 0
+    return folder
+
+
+@pytest.fixture(scope="session")
+def night_run(night, tmp_path_factory) -> Path:
+    """Six steps of training on it. Nobody trains on in this folder: copy it."""
+    folder = tmp_path_factory.mktemp("runs") / "night"
+    assert train_script.main(flags(night, folder)) == 0
+    return folder
 
 
 @pytest.fixture(scope="session")

@@ -21,6 +21,7 @@ import view as view_script
 from internal import cli, run_folder
 from internal.configs import load_config
 from internal.errors import Diverged, UserError
+from tests.conftest import flags
 
 ROOT = Path(__file__).parents[1]
 
@@ -112,28 +113,48 @@ def test_a_light_edit_out_of_range_is_refused(monkeypatch, capsys):
     assert "temperature" in capsys.readouterr().err
 
 
-@pytest.fixture
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        yield probe.getsockname()[1], probe
+def test_a_taken_port_is_one_line(monkeypatch, capsys):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = str(other.getsockname()[1])
+        code = exit_code(view_script.main, ["--port", port], monkeypatch)
+    assert_one_line(code, f"127.0.0.1:{port}: cannot listen", capsys)
 
 
-def test_a_taken_port_is_one_line(free_port, monkeypatch, capsys):
-    port, probe = free_port
-    probe.listen()
-    code = exit_code(view_script.main, ["--port", str(port)], monkeypatch)
+@pytest.mark.parametrize(
+    "own, words",
+    [
+        (["Config.checkpoint_dir = 'no/run'"], "no/run: holds no checkpoint"),
+        (["MLP.width = 24"], "holds a model of another shape"),
+        (["Config.data_dir = 'no/scene'"], "no/scene"),
+    ],
+)
+def test_the_viewer_says_what_it_cannot_show(
+    own, words, night, night_run, monkeypatch, capsys
+):
+    argv = [*flags(night, night_run, *own), "--port", "0"]
+    assert_one_line(exit_code(view_script.main, argv, monkeypatch), words, capsys)
+
+
+def test_the_viewer_names_a_missing_gin_file(monkeypatch, capsys):
+    code = exit_code(view_script.main, ["--gin_configs=no/file.gin"], monkeypatch)
+    assert_one_line(code, "no/file.gin", capsys)
+
+
+def assert_one_line(code, words, capsys):
+    (line,) = capsys.readouterr().err.splitlines()
     assert code == 2
-    assert f"127.0.0.1:{port}: cannot listen" in capsys.readouterr().err
+    assert line.startswith("error: ") and words in line
 
 
 @pytest.mark.parametrize(
     "script, extra", [(view_script, "viser"), (export_script, "trimesh")]
 )
-def test_a_missing_extra_says_what_to_install(script, extra, monkeypatch):
+def test_a_missing_extra_says_what_to_install(script, extra, monkeypatch, capsys):
     def none_of_it(name, *_):
         return None if name == extra else importlib.machinery.ModuleSpec(name, None)
 
     monkeypatch.setattr(importlib.util, "find_spec", none_of_it)
-    with pytest.raises(UserError, match=r"run pip install -e '\.\[(view|export)\]'"):
-        script.main([])
+    code = exit_code(script.main, [], monkeypatch)
+    assert_one_line(code, "run pip install -e '.[", capsys)

@@ -2,247 +2,123 @@
 """The pages as a person uses them, in a real headless Chromium.
 
 What the live viewer draws is compared with what render.py writes for the same camera
-and light.
+and light. All tests share a browser, a viewer and its first page.
 """
 
 import csv
 import json
-import socket
-import time
+import shutil
 import types
 
 import numpy as np
 import pytest
 
 import eval as eval_script
-import make_scene
 import render as render_script
 import study as study_script
-import train as train_script
-from internal import image_io, paths
-from internal.cli import load_split
-from internal.configs import load_config
+from internal import image_io
 from internal.study.answers import preferences, read_answers
 from tests.browser import chromium, until
-from tests.conftest import TINY_MODEL
+from tests.conftest import bindings, flags
 from tests.scene_writers import write_pictures
-from tests.test_scripts import flags
 
-SIZE = "200 x 150"
-CANVAS_WIDTH = 630  # of 960 pixels; the panel has the rest
+JPEG_ERROR, JPEG_MEAN_ERROR = 20 / 255, 3 / 255  # of the quality of finished frames
+ROUNDING = 1.5 / 255
 
 
 @pytest.fixture(scope="module")
 def browser():
-    yield from chromium()
+    with chromium() as running:
+        yield running
 
 
 @pytest.fixture(scope="module")
-def run(browser, tmp_path_factory):
-    """A trained tiny run and its scene."""
-    scene = tmp_path_factory.mktemp("scenes") / "night"
-    size = ["--views", "6", "--width", "36", "--height", "32"]
-    make_scene.main(["night", str(scene), *size])
-    folder = tmp_path_factory.mktemp("runs") / "night"
-    assert train_script.main(flags(scene, folder)) == 0
-    return types.SimpleNamespace(scene=scene, folder=folder)
+def run(browser, night, night_run, tmp_path_factory):
+    """A run to train on in, and its scene."""
+    folder = tmp_path_factory.mktemp("browser") / "run"
+    shutil.copytree(night_run, folder)
+    return types.SimpleNamespace(scene=night, folder=folder)
 
 
 @pytest.fixture(scope="module")
-def viewer(run, browser):
-    """A page of the live viewer, and the frames that it was sent."""
+def shared(run, browser):
     pytest.importorskip("viser")
-    from internal.viewer.panel import Panel
-    from internal.viewer.server import Server
-    from internal.viewer.studio import Studio
+    from tests.viewer_page import ViewerPage
 
-    own = (
-        f"Config.data_dir = {str(run.scene)!r}",
-        f"Config.checkpoint_dir = {str(run.folder)!r}",
-        "Render.chunk = 4096",
-    )
-    config = load_config([], [*TINY_MODEL, *own])
-    studio = Studio(config, load_split(config, "train"))
-    frames, show = [], Panel.show
-
-    def remember(panel, frame):
-        show(panel, frame)
-        frames.append(frame)
-
-    patch = pytest.MonkeyPatch()
-    patch.setattr(Panel, "show", remember)
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    server = Server(config, studio, "127.0.0.1", port)
-    page = browser.new_page(viewport={"width": 960, "height": 512})
-    page.goto(server.address)
-    until(lambda: frames, "a first picture")
-    choose(page, "500 x 375", SIZE)
-    settle(frames, 0)
-    yield types.SimpleNamespace(page=page, frames=frames, server=server, run=run)
-    server.close()
-    patch.undo()
+    own = f"Config.checkpoint_dir = {str(run.folder)!r}", "Render.fps = 5"
+    viewer = ViewerPage(browser, run.folder, [*bindings(run.scene), *own])
+    viewer.open_tab("Photos")
+    viewer.page.get_by_label("Show photos").uncheck()
+    yield viewer
+    viewer.close()
 
 
-def choose(page, current, wanted):
-    """Picks from the dropdown that shows ``current``; the first of several."""
-    boxes = page.locator("input:visible").all()
-    next(box for box in boxes if box.input_value() == current).click()
-    page.get_by_role("option", name=wanted, exact=True).click()
+@pytest.fixture
+def viewer(shared):
+    shared.start_over()
+    return shared
 
 
-def settle(frames, after):
-    """Waits for a finished frame that is newer than number ``after`` and stays: the
-    page's camera glides on for a while after it is let go."""
-
-    def stays():
-        last = frames[-1]
-        if not last.finished or last.number <= after:
-            return False
-        time.sleep(1.5)
-        return frames[-1] is last
-
-    until(stays, "a newer picture that stays")
+def rendered(run, record):
+    """The folder of what render.py makes of a snapshot's or a path's JSON."""
+    light = json.loads(record.read_text()).get("gin_bindings", [])
+    path = f"Render.path = {str(record)!r}"
+    assert render_script.main(flags(run.scene, run.folder, *light, path)) == 0
+    return run.folder / "render" / record.stem
 
 
-def type_in(page, current, wanted):
-    """Types into the number beside the slider that stands at ``current``."""
-    boxes = page.locator("input:visible").all()
-    box = next(box for box in boxes if box.input_value() == current)
-    box.fill(wanted)
-    box.press("Enter")
+def assert_shown(viewer, picture):
+    """The window shows what render.py wrote, as sent and as drawn on the screen."""
+    expected = image_io.read_srgb(picture)
+
+    def is_sent():
+        return np.abs(viewer.frame / 255.0 - expected).max() < ROUNDING
+
+    until(is_sent, f"a frame like {picture}")
+    until(lambda: looks_like(viewer.drawn(), expected), f"a screen like {picture}")
 
 
-def on_screen(viewer):
-    """Waits until the browser draws the newest frame. Notifications cover the top, so
-    the mean colour of the lower half is compared."""
-    shot = viewer.run.folder / "screen.png"
-
-    def is_shown():
-        sent = viewer.frames[-1].picture.astype(np.float32) / 255.0
-        viewer.page.screenshot(path=str(shot))
-        drawn = image_io.read_srgb(shot)[:, :CANVAS_WIDTH]
-        lower = [image[len(image) // 2 :].mean(axis=(0, 1)) for image in (drawn, sent)]
-        return np.abs(lower[0] - lower[1]).max() < 0.02
-
-    until(is_shown, "the screen showing the newest frame")
+def looks_like(drawn, expected):
+    errors = np.abs(drawn - expected)
+    return errors.max() < JPEG_ERROR and errors.mean() < JPEG_MEAN_ERROR
 
 
 def test_the_first_screen_shows_the_scene_and_explains_itself(viewer):
     text = viewer.page.inner_text("body")
     assert "drag to turn" in text
     assert "frames/s" in text
-    on_screen(viewer)
+    assert "the lit scene" in text
+    until(lambda: looks_like(viewer.drawn(), viewer.frame / 255.0), "a drawn picture")
 
 
-def test_dragging_moves_the_camera_coarse_then_fine(viewer):
-    number = viewer.frames[-1].number
-    mouse = viewer.page.mouse
-    mouse.move(300, 300)
-    mouse.down()
-    mouse.move(330, 310, steps=8)
-    mouse.up()
-    settle(viewer.frames, number)
-    on_screen(viewer)
+def test_every_step_draws_what_render_py_writes(viewer, run):
+    start = viewer.cameras[-1].camtoworld
+    viewer.drag((300, 300), (330, 310))
+    viewer.settle()
+    assert np.abs(viewer.cameras[-1].camtoworld - start).max() > 0.01
+    moved = viewer.snapshot()
+    neutral = rendered(run, moved) / "enhanced" / "0000.png"
+    assert_shown(viewer, neutral)
+    shot, expected = (
+        image_io.read_srgb(p) for p in (moved.with_suffix(".png"), neutral)
+    )
+    np.testing.assert_allclose(shot, expected, atol=ROUNDING)
 
+    computed = viewer.frames[-1].number
+    viewer.type_in("Exposure", "1")
+    viewer.type_in("Kelvin", "3500")
+    until(lambda: "3500.0" in viewer.control("For gin").input_value(), "the bindings")
+    record = viewer.snapshot()
+    assert "Render.exposure = 1.0" in json.loads(record.read_text())["gin_bindings"]
+    folder = rendered(run, record)
+    warm = folder / "enhanced" / "0000.png"
+    assert_shown(viewer, warm)
+    red, _, blue = (image_io.read_srgb(warm) / expected).reshape(-1, 3).mean(axis=0)
+    assert red > 1.3 * blue
 
-def test_light_sliders_change_the_picture_and_state_their_bindings(viewer):
-    frames, page = viewer.frames, viewer.page
-    before, number = frames[-1].picture.mean(), frames[-1].number
-    type_in(page, "0", "1")  # exposure
-    until(lambda: frames[-1].picture.mean() > 1.15 * before, "a brighter picture")
-    type_in(page, "6500", "3500")
-
-    def is_warm():
-        red, _, blue = frames[-1].picture.reshape(-1, 3).mean(axis=0)
-        return red > 1.2 * blue
-
-    until(is_warm, "a warmer picture")
-    on_screen(viewer)
-    assert frames[-1].number == number  # nothing was rendered for it
-    bindings = page.locator("textarea").first.input_value()
-    assert "Render.exposure = 1.0" in bindings
-    assert "Render.temperature = 3500.0" in bindings
-
-
-def test_a_snapshot_is_what_render_py_writes_for_its_file(viewer):
-    folder = viewer.run.folder / "view"
-    viewer.page.get_by_role("button", name="Snapshot").click()
-    until(lambda: list(folder.glob("snapshot_*.json")), "a snapshot")
-    (record,) = folder.glob("snapshot_*.json")
-    bindings = json.loads(record.read_text())["gin_bindings"]
-    arguments = flags(viewer.run.scene, viewer.run.folder, *bindings)
-    assert render_script.main(arguments) == 0
-    rendered = viewer.run.folder / "render" / record.stem / "enhanced" / "0000.png"
-    shot = image_io.read_srgb(record.with_suffix(".png"))
-    np.testing.assert_allclose(shot, image_io.read_srgb(rendered), atol=1.5 / 255.0)
-
-    # The window shows the same camera: its middle is the photo's, at another size,
-    # so single pixels of this hardly trained scene differ and their mean does not.
-    frame = viewer.frames[-1].picture.astype(np.float32) / 255.0
-    height, width, _ = frame.shape
-    margin = (width - round(height * 36 / 32)) // 2
-    middle = image_io.resize_area(frame[:, margin : width - margin], 36, 32)
-    np.testing.assert_allclose(middle, shot, atol=0.12)
-    assert np.abs(middle - shot).mean() < 0.02
-
-
-def test_another_output_is_a_choice_away(viewer):
-    page, frames = viewer.page, viewer.frames
-    before = frames[-1].picture
-    choose(page, "enhanced", "r")
-    until(lambda: not np.array_equal(frames[-1].picture, before), "r")
-    on_screen(viewer)
-    whole = frames[-1].picture
-    choose(page, "nothing", "photo")
-    until(lambda: not np.array_equal(frames[-1].picture, whole), "a split")
-    split, half = frames[-1].picture, whole.shape[1] // 2
-    np.testing.assert_array_equal(split[:, : half - 2], whole[:, : half - 2])
-    assert split[:, half + 2 :].mean() < whole[:, half + 2 :].mean()  # a dark photo
-
-
-def test_keyframes_become_a_path_that_render_py_reads(viewer):
-    page, frames = viewer.page, viewer.frames
-    page.get_by_role("tab", name="Path").click()
-    page.get_by_role("button", name="Save for render.py").click()
-    until(lambda: "at least 2 keyframes" in page.inner_text("body"), "a message")
-    for start in (300, 340):
-        page.get_by_role("button", name="Add keyframe here").click()
-        number = frames[-1].number
-        page.mouse.move(start, 300)
-        page.mouse.down()
-        page.mouse.move(start + 30, 300, steps=5)
-        page.mouse.up()
-        settle(frames, number)
-    until(lambda: "2 keyframes" in page.inner_text("body"), "2 keyframes")
-    page.get_by_role("button", name="Save for render.py").click()
-    file = viewer.run.folder / "view" / "path.json"
-    until(file.is_file, "a saved path")
-    poses = paths.from_json(file)
-    assert len(poses) == 3  # Render.frames
-    assert np.linalg.norm(poses[0, :, 3] - poses[-1, :, 3]) > 0.0
-
-
-def test_another_page_has_its_own_camera_and_light(viewer, browser):
-    frames = viewer.frames
-    mine = frames[-1].picture
-    other = browser.new_page(viewport={"width": 700, "height": 420})
-    before = len(frames)
-    other.goto(viewer.server.address)
-    until(lambda: len(frames) > before and frames[-1].finished, "the other's picture")
-    assert frames[-1].picture.shape != mine.shape
-    assert frames[-1].number <= 4
-    other.close()
-    viewer.page.get_by_role("tab", name="Light").click()
-    choose(viewer.page, "r", "dark")
-    until(lambda: frames[-1].picture.shape == mine.shape, "the first page at work")
-
-
-def test_newer_checkpoints_are_shown_as_training_goes_on(viewer):
-    arguments = flags(viewer.run.scene, viewer.run.folder, "Train.max_steps = 9")
-    assert train_script.main(arguments) == 0
-    until(lambda: viewer.frames[-1].step == 9, "the newer checkpoint")
+    viewer.choose("Picture", "r")
+    assert_shown(viewer, folder / "r" / "0000.png")
+    assert viewer.frames[-1].number == computed  # light and choice cost no rendering
 
 
 def test_a_report_slides_and_chooses(run, browser):

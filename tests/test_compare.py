@@ -2,6 +2,7 @@
 """compare.py and figures.py end to end on tiny scenes; trainings are stood in for."""
 
 import json
+import urllib.parse
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +51,8 @@ def trainings(monkeypatch):
             image_io.write(run / "eval" / output / "00.png", picture)
         scores = {"unchanged": {"psnr": 11.0}, "enhanced": {"psnr": 12.0}}
         (run / "eval" / "metrics.json").write_text(json.dumps({"mean": scores}))
-        (run / run_folder.LOG).write_text('{"step": 1, "seconds": 90.0}\n')
+        steps = [{"step": n, "seconds": 45.0 * n, "psnr": 10.0 * n} for n in (1, 2)]
+        (run / run_folder.LOG).write_text("\n".join(map(json.dumps, steps)))
         return 0
 
     monkeypatch.setattr(comparison, "train_and_score", train_and_score)
@@ -93,7 +95,11 @@ def test_every_method_has_a_row_and_a_picture(scene, trainings, capsys):
     for name in ("comparison", "decomposition"):
         assert image_io.read_srgb(Path(f"out/scene/{name}.png")).size > 0
     assert {p.suffix for p in Path("out").glob("table.*")} == {".md", ".csv", ".tex"}
-    assert "comparison.png" in Path("out/index.html").read_text()
+    page = Path("out/index.html").read_text()
+    assert "scene/comparison.png" in page and "<h2>Command</h2>" in page
+    shown = "scene/scores/lime/dark/00.png", "scene/runs/tiny@dark/eval/v/00.png"
+    assert all(urllib.parse.quote(picture) in page for picture in shown)
+    assert "Training on scene" in page
     assert "| mine | **100.00** |" in capsys.readouterr().out
 
 

@@ -27,8 +27,8 @@ from internal.export.sightings import mean_colors, surface_points
 from internal.models import Rendering
 from internal.poses import transform_points
 from internal.scene import load_scene
+from tests.conftest import flags
 from tests.scene_writers import facing_world, surrounding_world, write_blender
-from tests.test_scripts import flags
 
 NDC = ForwardFacing(np.array([2.0, 2.5], np.float32))
 BALL_OF_TWO = Unbounded(np.float32(0.1), np.float32(100.0))

@@ -12,24 +12,14 @@ import numpy as np
 import pytest
 
 import eval as eval_script
-import make_scene
 import render as render_script
 import sweep as sweep_script
 import train as train_script
-from internal import image_io, parallel, run_folder, scored_run
+from internal import image_io, parallel, report, run_folder, scored_run
 from internal.checkpoints import load_trained
 from internal.configs import load_config, to_json
 from internal.errors import Diverged, UserError
-from tests.conftest import TINY_MODEL
-
-
-def bindings(scene):
-    return [*TINY_MODEL, f"Config.data_dir = {str(scene)!r}"]
-
-
-def flags(scene, run, *own):
-    run_binding = f"Config.checkpoint_dir = {str(run)!r}"
-    return [f"--gin_bindings={b}" for b in (*bindings(scene), run_binding, *own)]
+from tests.conftest import TINY_MODEL, bindings, flags
 
 
 def trained_state(run):
@@ -37,21 +27,14 @@ def trained_state(run):
     return load_trained(config, parallel.data_mesh(jax.device_count()))[1]
 
 
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("scenes") / "night"
-    make_scene.main(
-        ["night", str(folder), "--views", "6", "--width", "36", "--height", "32"]
-    )
-    return folder
+@pytest.fixture
+def scene(night):
+    return night
 
 
-@pytest.fixture(scope="module")
-def run(scene, tmp_path_factory):
-    """A finished run of six steps."""
-    folder = tmp_path_factory.mktemp("runs") / "night"
-    assert train_script.main(flags(scene, folder)) == 0
-    return folder
+@pytest.fixture
+def run(night_run):
+    return night_run
 
 
 def test_training_explains_its_folder(run):
@@ -184,6 +167,22 @@ def test_a_sweep_compares_what_is_done_and_runs_nothing_twice(scene, run, tmp_pa
     assert "| bright |" in (tmp_path / "table.md").read_text()
     assert len((tmp_path / "table.csv").read_text().splitlines()) == 3
     assert image_io.read_srgb(tmp_path / "sheet.png").shape[0] > 2 * 32
+    page = (tmp_path / "index.html").read_text()
+    for shown in ("bright/eval/depth/000.png", "full/eval/truth/000.png", "sheet.png"):
+        assert shown in page
+    assert 'href="bright/eval/index.html"' in page
+
+
+def test_curves_of_several_runs_share_a_chart_and_leave_out_what_never_changes(
+    run, tmp_path
+):
+    (tmp_path / run_folder.LOG).write_text("")
+    runs = {"one": run, "two": run, "none yet": tmp_path}
+    (part,) = report.training_curves("Training", runs)
+    assert part.html.count("loss/data") == 1
+    assert "seconds" not in part.html
+    assert "one" in part.html and "two" in part.html and "none yet" not in part.html
+    assert report.training_curves("Training", {"none yet": tmp_path}) == []
 
 
 @pytest.mark.parametrize("text", ["gray 0.2", "a/b: Losses.gray = 0.2"])

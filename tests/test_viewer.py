@@ -5,19 +5,24 @@ A fake studio renders constant pictures, so nothing compiles; the page itself is
 test_browser.py.
 """
 
+import contextlib
 import dataclasses
 import json
 import types
 
 import jax.numpy as jnp
+import msgspec
 import numpy as np
 import pytest
+import viser
+import websockets.sync.client
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from internal import paths
+from internal import image_io, paths
 from internal.cameras import Lens
 from internal.colmap import lens_directions
+from internal.configs import load_config
 from internal.editing import light_edit
 from internal.errors import UserError
 from internal.looks import Look
@@ -28,9 +33,11 @@ from internal.viewer import takes
 from internal.viewer.canvas import PHOTO, Choice, draw, photo_through, with_gains
 from internal.viewer.free_camera import PIXELS, FreeCamera, single_camera, vertical_fov
 from internal.viewer.jobs import Job, Speedometer
+from internal.viewer.server import Server
 from internal.viewer.session import Session
 from internal.viewer.sharing import Turns
 from internal.viewer.studio import Studio, Trained
+from tests.browser import until
 from tests.scene_writers import facing_world, write_blender
 
 POSE = np.eye(4)[:3]
@@ -72,7 +79,7 @@ class FakeStudio(Studio):
 
     def __init__(self, scene):
         self.scene, self.turns, self.speed = scene, Turns(), FixedSpeed(1.0)
-        self.trained = Trained({}, 7, DISPLAY)
+        self.trained, self.decomposed = Trained({}, 7, DISPLAY), True
         self.edits = []
 
     def parts(self, trained, camera, edit):
@@ -80,6 +87,12 @@ class FakeStudio(Studio):
         if camera.camtoworlds[0, 0, 3] == NOWHERE:
             raise ValueError("no such place")
         return parts_of(camera)
+
+    def focus_depth(self):
+        return 4.0
+
+    def update(self):
+        return False
 
 
 @pytest.fixture
@@ -122,10 +135,10 @@ def test_a_still_camera_gets_finer_pictures_up_to_the_wanted_size(studio, page):
     page.session.stand(CAMERA)
     work(studio)
     sizes = [frame.picture.shape[0] * frame.picture.shape[1] for frame in page.frames]
-    assert sizes == sorted(sizes) and len(sizes) == 4
+    assert sizes == sorted(sizes) and len(sizes) == 5
     assert 0.9 * PIXELS["500 x 375"] < sizes[-1] <= PIXELS["500 x 375"]
-    assert [frame.finished for frame in page.frames] == [False, False, False, True]
-    assert [frame.number for frame in page.frames] == [1, 2, 3, 4]
+    assert [frame.finished for frame in page.frames] == [False] * 4 + [True]
+    assert [frame.number for frame in page.frames] == [1, 2, 3, 4, 5]
 
 
 def test_a_fast_computer_starts_with_a_large_picture(studio, page):
@@ -280,6 +293,76 @@ def test_a_snapshot_is_a_picture_and_a_path_of_one_pose(studio, page, tmp_path):
     np.testing.assert_array_equal(
         studio.edits[-1].gains, Look(exposure=-1.0).edit().gains
     )
+
+
+def test_a_snapshot_is_written_though_its_page_was_closed(studio, page, tmp_path):
+    page.session.stand(CAMERA)
+    work(studio)
+    page.session.snapshot(tmp_path)
+    studio.turns.take_one()
+    studio.turns.leave(page.session)
+    work(studio)
+    assert image_io.read_srgb(tmp_path / "snapshot_001.png").size > 0
+
+
+def test_a_snapshot_that_fails_says_so_and_ends(studio, page, tmp_path):
+    blocked = tmp_path / "file"
+    blocked.touch()
+    page.session.stand(CAMERA)
+    work(studio)
+    page.session.snapshot(blocked)
+    work(studio)
+    assert len(page.messages) == 1 and str(blocked) in page.messages[0]
+    assert not studio.turns.take_one()
+
+
+def browser_message(**changes):
+    """Where a browser says its camera is."""
+    camera = dict(
+        type="ViewerCameraMessage", wxyz=[1.0, 0, 0, 0], position=[0.0, 0, 0], fov=0.8,
+        near=0.01, far=1000.0, image_height=150, image_width=200, look_at=[0.0, 0, 1],
+        up_direction=[0.0, 1, 0],
+    )  # fmt: skip
+    return msgspec.msgpack.encode(camera | changes)
+
+
+@pytest.fixture
+def server(studio, tmp_path):
+    config = load_config([], [f"Config.checkpoint_dir = {str(tmp_path)!r}"])
+    running = Server(config, studio, "127.0.0.1", port=0)
+    yield running
+    running.close()
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        b"no message",
+        browser_message(wxyz=[0.0, 0, 0, 0]),
+        browser_message(position=[np.nan] * 3),
+        browser_message(image_height=0),
+        browser_message(fov=-1.0, image_width=10**9),
+    ],
+    ids=["garbage", "no rotation", "nowhere", "no window", "absurd window"],
+)
+def test_a_broken_request_ends_nothing(studio, server, broken):
+    address = server.address.replace("http", "ws")
+    protocol = websockets.Subprotocol(f"viser-v{viser.__version__}")
+
+    def connected():
+        return websockets.sync.client.connect(
+            address, subprotocols=[protocol], max_size=None
+        )
+
+    with connected() as socket, connected() as other:
+        socket.send(broken)
+        other.send(browser_message())
+        until(lambda: studio.edits, "a picture for another page")
+        with contextlib.suppress(websockets.ConnectionClosed):  # of that one alone
+            socket.send(broken)
+        rendered = len(studio.edits)
+        other.send(browser_message(position=[0.1, 0.0, 0.0]))
+        until(lambda: len(studio.edits) > rendered, "one after it moved")
 
 
 def test_a_path_is_saved_in_the_frame_of_the_pose_file(scene, tmp_path):

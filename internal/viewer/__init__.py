@@ -3,5 +3,7 @@
 
 A ``Session`` per browser turns what its panel says into jobs; one thread
 (``sharing.py``) computes chunks of them in turn; ``canvas.py`` makes pictures of the
-results. Only ``server.py``, ``panel.py`` and ``stage.py`` know viser.
+results. Only ``server.py``, ``stage.py``, ``border.py`` and the panel with its parts
+(``panel.py``, ``output_chooser.py``, ``light_controls.py``, ``path_editor.py``) know
+viser.
 """

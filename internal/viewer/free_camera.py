@@ -16,7 +16,8 @@ from internal.cameras import Cameras, Lens
 from internal.colmap import focal_lengths, lens_directions
 
 PIXELS = {"200 x 150": 200 * 150, "500 x 375": 500 * 375, "1000 x 750": 1000 * 750}
-COARSE_PIXELS = (50 * 38, 100 * 75, 200 * 150)  # on the way to a full picture
+# On the way to a full picture; each about half of the next or less.
+COARSE_PIXELS = (50 * 38, 100 * 75, 141 * 106, 200 * 150)
 TABLE_ROWS = max(PIXELS.values())
 SMALLEST_SIDE = 4  # pixels; windows may be arbitrarily thin
 WIDEST_FOV = math.radians(150.0)

@@ -12,7 +12,7 @@ import numpy as np
 import viser
 
 from internal.configs import Config
-from internal.errors import UserError
+from internal.errors import UserError, one_line
 from internal.viewer.panel import Panel
 from internal.viewer.session import Session
 from internal.viewer.studio import Studio
@@ -33,7 +33,8 @@ class Server:
         self._set_the_stage()
         self._server.on_client_connect(self._open)
         self._server.on_client_disconnect(self._shut)
-        threading.Thread(target=studio.turns.run_forever, daemon=True).start()
+        self._worker = threading.Thread(target=studio.turns.run_forever, daemon=True)
+        self._worker.start()
         threading.Thread(target=self._watch, daemon=True).start()
 
     def wait(self) -> None:
@@ -45,6 +46,7 @@ class Server:
         """Ends all pages and both threads."""
         self._closed.set()
         self._studio.turns.stop()
+        self._worker.join()  # the interpreter must not end while JAX compiles
         self._server.stop()
 
     def _set_the_stage(self) -> None:
@@ -82,8 +84,9 @@ class Server:
         while not self._closed.wait(SECONDS_BETWEEN_LOOKS):
             try:
                 newer = self._studio.update()
-            except (UserError, OSError, ValueError) as error:
-                print(f"newer checkpoint not read, trying again: {error}", flush=True)
+            except Exception as error:  # it may be deleted while it is read
+                message = f"newer checkpoint not read, trying again: {one_line(error)}"
+                print(message, flush=True)
                 continue
             if newer:
                 print(f"showing step {self._studio.trained.step}", flush=True)

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from internal.colmap import lens_directions
+from internal.errors import one_line
 from internal.image import from_uint16
 from internal.looks import Look
 from internal.models import LitRendering, Rendering
@@ -29,6 +30,7 @@ from internal.viewer.free_camera import (
     single_camera,
 )
 from internal.viewer.jobs import Job
+from internal.viewer.sharing import Errand
 from internal.viewer.studio import Studio, Trained
 
 SECONDS_TO_FIRST_PICTURE = 0.23
@@ -76,7 +78,6 @@ class Session:
         self._lock = threading.Lock()
         self._wanted: FreeCamera | None = None
         self._job: Job | None = None
-        self._errands: list[Job] = []
         self._redraw = False
         self._shown: _Shown | None = None
         self._times: collections.deque[float] = collections.deque(maxlen=FRAMES_TIMED)
@@ -132,15 +133,13 @@ class Session:
             )
             self._say(f"saved {path} and, beside it, {path.stem}.json for render.py")
 
-        errand = Job(
+        job = Job(
             [single_camera(pose, lens)],
             lambda camera: self._studio.parts(trained, camera, edit),
             write,
             self._studio.speed,
         )
-        with self._lock:
-            self._errands.append(errand)
-        self._studio.turns.wake()
+        Errand(job, self._studio.turns, self._say)
 
     def urgency(self) -> int:
         """See ``jobs.Runnable``."""
@@ -148,10 +147,10 @@ class Session:
             job = self._job
             if self._redraw or self._wanted or (job and not job.delivered):
                 return 2
-            return int(bool(self._errands) or bool(job and not job.done))
+            return int(bool(job and not job.done))
 
     def step(self) -> None:
-        """Draws again, or computes a chunk of the newest picture or of a snapshot.
+        """Draws again, or computes a chunk of the newest picture.
 
         A first, coarse picture is always finished, so that a moving camera sees
         something; what refines it is dropped as soon as the camera moves.
@@ -166,17 +165,12 @@ class Session:
             self._draw(finished=job is None or job.done)
         elif job and not job.done:
             job.step()
-        elif self._errands:
-            self._errands[0].step()
-            if self._errands[0].done:
-                self._errands.pop(0)
 
     def failed(self, error: Exception) -> None:
         """Drops what could not be computed and says why."""
         with self._lock:
             self._job, self._wanted, self._redraw = None, None, False
-            self._errands.clear()
-        self._say(" ".join(str(error).split())[:300] or type(error).__name__)
+        self._say(one_line(error))
 
     def _start(self, camera: FreeCamera, look: Look) -> Job:
         """Renders from there: as fine as is quick, then finer up to the wanted size."""

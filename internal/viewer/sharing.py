@@ -3,8 +3,10 @@
 
 import contextlib
 import threading
+from collections.abc import Callable
 
-from internal.viewer.jobs import Runnable
+from internal.errors import one_line
+from internal.viewer.jobs import Job, Runnable
 
 
 class Turns:
@@ -65,3 +67,26 @@ class Turns:
                     idle = not any(runnable.urgency() for runnable in self._queue)
                     if idle and not self._stopped:
                         self._changed.wait()
+
+
+class Errand:
+    """A job that is finished even if the page that wanted it is closed meanwhile."""
+
+    def __init__(self, job: Job, turns: Turns, say: Callable[[str], None]) -> None:
+        self._job, self._turns, self._say = job, turns, say
+        turns.join(self)
+
+    def urgency(self) -> int:
+        """See ``jobs.Runnable``."""
+        return 1
+
+    def step(self) -> None:
+        """Computes a chunk."""
+        self._job.step()
+        if self._job.done:
+            self._turns.leave(self)
+
+    def failed(self, error: Exception) -> None:
+        """Gives up and says why."""
+        self._turns.leave(self)
+        self._say(one_line(error))

@@ -34,23 +34,27 @@ def move(
     client: viser.ClientHandle, camtoworld: Float[np.ndarray, "3 4"], fov: float
 ) -> None:
     """Moves a browser's camera; what it turns about stays as far ahead of it."""
-    rotation = Rotation.from_matrix(camtoworld[:, :3] @ OPENCV_AXES)
     with client.atomic():
         client.camera.position = camtoworld[:, 3]
-        client.camera.wxyz = rotation.as_quat(scalar_first=True)
+        client.camera.wxyz = orientation(camtoworld)
         client.camera.fov = fov
+
+
+def orientation(camtoworld: Float[np.ndarray, "3 4"]) -> Float[np.ndarray, " 4"]:
+    """viser's quaternion (w, x, y, z) of a camera of ours."""
+    rotation = Rotation.from_matrix(camtoworld[:, :3] @ OPENCV_AXES)
+    return rotation.as_quat(scalar_first=True)
 
 
 class Frustums:
     """The photos' cameras as one browser shows them."""
 
     def __init__(self, client: viser.ClientHandle, studio: Studio) -> None:
-        self._size = FRUSTUM_SIZE * studio.spread()
+        self.size = FRUSTUM_SIZE * studio.spread()  # model units
         self.shown = True
         self.handles: list[viser.CameraFrustumHandle] = []
         for view, name in enumerate(studio.scene.view_names):
             camera = studio.view_camera(view)
-            rotation = Rotation.from_matrix(camera.camtoworld[:, :3] @ OPENCV_AXES)
             srgb = from_uint16(studio.scene.images[view])
             height = max(round(THUMBNAIL_WIDTH / camera.aspect), 1)
             thumbnail = image_io.resize_area(srgb, THUMBNAIL_WIDTH, height)
@@ -59,11 +63,11 @@ class Frustums:
                     f"/cameras/{view:04d} {name}",
                     fov=camera.fov,
                     aspect=camera.aspect,
-                    scale=self._size,
-                    thickness=0.02 * self._size,
+                    scale=self.size,
+                    thickness=0.02 * self.size,
                     color=FRUSTUM_COLOR,
                     image=to_uint8(thumbnail),
-                    wxyz=rotation.as_quat(scalar_first=True),
+                    wxyz=orientation(camera.camtoworld),
                     position=camera.camtoworld[:, 3],
                     visible=False,
                 )
@@ -73,6 +77,6 @@ class Frustums:
         """Hides what is too near to the camera, and all where they are not wanted."""
         for handle in self.handles:
             apart = np.linalg.norm(handle.position - camera.camtoworld[:, 3])
-            visible = self.shown and bool(apart > TOO_NEAR * self._size)
+            visible = self.shown and bool(apart > TOO_NEAR * self.size)
             if handle.visible != visible:
                 handle.visible = visible
