@@ -9,6 +9,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
+from internal.configs import ModelConfig
 from internal.models import GammaRendering, LitRendering, Rendering
 
 Picture = Float[np.ndarray, "height width 3"]
@@ -23,6 +24,16 @@ EXPLANATIONS = {
     "gamma": "gamma of the enhancement: change of the exponent per channel",
     "depth": "distance, near is bright",
 }
+
+
+def outputs_of(model: ModelConfig) -> tuple[str, ...]:
+    """The outputs that a model has, of ``EXPLANATIONS``."""
+    missing: set[str] = set()
+    if not model.decomposition:
+        missing = EXPLANATIONS.keys() - {"dark", "depth"}
+    elif model.enhancement == "tone":
+        missing = {"alpha", "gamma"}
+    return tuple(name for name in EXPLANATIONS if name not in missing)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,6 +17,7 @@ from internal.configs import load_config
 from internal.editing import LUMINANCE_WEIGHTS, NEUTRAL, light_edit
 from internal.image import linear_to_srgb, srgb_to_linear
 from internal.models import GammaRendering, Model
+from internal.pictures import display_for, outputs_of, pictures
 from internal.tone import (
     MOST_SATURATION,
     Meter,
@@ -180,5 +181,8 @@ def test_the_neutral_tone_model_has_no_alpha_and_v_hat_times_r_is_its_colour(
     index = jnp.arange(5)
     rays = jax.jit(cast_rays)(tiny_cameras, ndc, index % 3, index, index)
     got = jax.jit(model.apply)(params, rays, ndc, NEUTRAL)
+    shape = (1, 5, -1)
+    picture = jax.tree.map(lambda x: np.asarray(x).reshape(shape), got)
+    assert set(pictures(picture, display_for(picture))) == set(outputs_of(config.model))
     assert not isinstance(got, GammaRendering)
     np.testing.assert_allclose(got.v_enhanced * got.r, got.enhanced, rtol=1e-5)

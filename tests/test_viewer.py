@@ -27,7 +27,7 @@ from internal.editing import light_edit
 from internal.errors import UserError
 from internal.looks import Look
 from internal.models import GammaRendering, LitRendering
-from internal.pictures import Display
+from internal.pictures import EXPLANATIONS, Display
 from internal.scene import load_scene
 from internal.viewer import takes
 from internal.viewer.canvas import PHOTO, Choice, draw, photo_through, with_gains
@@ -79,7 +79,7 @@ class FakeStudio(Studio):
 
     def __init__(self, scene):
         self.scene, self.turns, self.speed = scene, Turns(), FixedSpeed(1.0)
-        self.trained, self.decomposed = Trained({}, 7, DISPLAY), True
+        self.trained, self.outputs = Trained({}, 7, DISPLAY), tuple(EXPLANATIONS)
         self.edits = []
 
     def parts(self, trained, camera, edit):

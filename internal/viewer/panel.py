@@ -6,7 +6,6 @@ from pathlib import Path
 import viser
 
 from internal.configs import RenderConfig
-from internal.pictures import EXPLANATIONS
 from internal.viewer.border import Border
 from internal.viewer.free_camera import PIXELS
 from internal.viewer.handlers import Guard, guard, on_change
@@ -41,9 +40,8 @@ class Panel:
         self._status = gui.add_markdown("waiting for the first picture ...")
         tabs = gui.add_tab_group()
         with tabs.add_tab("Light"):
-            outputs = list(EXPLANATIONS) if studio.decomposed else ["dark", "depth"]
             self._outputs = OutputChooser(
-                client, outputs, self._border, session.choose, guarded
+                client, studio.outputs, self._border, session.choose, guarded
             )
             LightControls(gui, session.light, guarded)
             self._add_takes(guarded, folder)

@@ -13,7 +13,7 @@ from internal.cameras import Cameras
 from internal.checkpoints import Checkpoints, load_trained
 from internal.configs import Config
 from internal.editing import LightEdit
-from internal.pictures import Display, display_for
+from internal.pictures import Display, display_for, outputs_of
 from internal.renderer import Renderer
 from internal.scene import Scene
 from internal.training import Params
@@ -47,7 +47,7 @@ class Studio:
         self.speed = Speedometer(FIRST_GUESS_OF_SPEED)
         model, state = load_trained(config, self._mesh)
         chunk = min(config.render.chunk, LARGEST_CHUNK)
-        self.decomposed = config.model.decomposition
+        self.outputs = outputs_of(config.model)
         self._renderer = Renderer(model, scene.cameras, scene.space, self._mesh, chunk)
         self.trained = self._trained(state.params, int(state.step))
 
