@@ -16,7 +16,7 @@ from jaxtyping import Float
 from internal import mip
 from internal.configs import ModelConfig
 from internal.enhance import Coefficients
-from internal.fields.base import Dense, Features, LinearFeatures
+from internal.fields.base import Dense
 
 DENSITY_BIAS = -1.0
 COLOR_BIAS = -5.0  # a new network is dark: exp(-5) is 1.7 / 255
@@ -51,9 +51,7 @@ class Lighting(nn.Module):
 
     @nn.compact
     def __call__(
-        self,
-        features: Float[Array, "*b n f"] | LinearFeatures,
-        viewdirs: Float[Array, "*b 3"],
+        self, features: Float[Array, "*b n f"], viewdirs: Float[Array, "*b 3"]
     ) -> tuple[Float[Array, "*b n 1"], Float[Array, "*b n h"]]:
         encoded = mip.pos_enc(viewdirs, self.config.deg_view)
         hidden = nn.relu(_view_layer(self.config.head_width, features, encoded))
@@ -66,7 +64,7 @@ class Basis(nn.Module):
     config: ModelConfig
 
     @nn.compact
-    def __call__(self, features: Features) -> Float[Array, "*b 3"]:
+    def __call__(self, features: Float[Array, "*b f"]) -> Float[Array, "*b 3"]:
         hidden = nn.relu(Dense(self.config.head_width)(features))
         return jnp.exp(Dense(3)(hidden))
 
@@ -132,9 +130,7 @@ class Phi(nn.Module):
 
 
 def _view_layer(
-    width: int,
-    features: Float[Array, "*b n f"] | LinearFeatures,
-    encoded: Float[Array, "*b d"],
+    width: int, features: Float[Array, "*b n f"], encoded: Float[Array, "*b d"]
 ) -> Float[Array, "*b n h"]:
     """A dense layer of [features, direction]; the direction's part is computed
     once per ray instead of once per sample."""

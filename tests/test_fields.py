@@ -12,7 +12,7 @@ from internal import grids
 from internal.cameras import cast_rays
 from internal.configs import load_config
 from internal.editing import NEUTRAL
-from internal.fields.base import Dense, FieldConfig, LinearFeatures, kernel_and_bias
+from internal.fields.base import FieldConfig
 from internal.losses import data_loss
 from internal.models import Histogram, Level, Model
 from internal.training import initial_state
@@ -41,30 +41,6 @@ def test_every_field_keeps_the_interface(name):
     config = load_config([], [f"Model.field = @{name}()"])
     assert isinstance(config.model.field, FieldConfig)
     assert type(config.model.field).__name__ == name
-
-
-def test_two_merged_linear_layers_are_the_two_layers():
-    hidden = jax.random.normal(jax.random.key(0), (4, 5, 6))
-    first = Dense(7)
-    params = first.init(jax.random.key(1), hidden)
-    params["params"]["Dense_0"]["bias"] += 0.3
-    kernel, bias = kernel_and_bias(first.bind(params), 6)
-    for use_bias in (True, False):
-        second = Dense(3, use_bias)
-        weights = second.init(jax.random.key(2), jnp.ones((1, 7)))
-
-        def slow(weights, hidden, second=second):
-            return second.apply(weights, first.apply(params, hidden))
-
-        def merged(weights, hidden, second=second):
-            return second.apply(weights, LinearFeatures(hidden, kernel, bias))
-
-        slow_answer, slow_gradient = jax.vjp(slow, weights, hidden)
-        answer, gradient = jax.vjp(merged, weights, hidden)
-        chex.assert_trees_all_close(answer, slow_answer, atol=1e-5)
-        chex.assert_trees_all_close(
-            gradient(answer), slow_gradient(answer), rtol=1e-4, atol=1e-4
-        )
 
 
 def test_a_proposal_chooses_where_the_field_is_asked(tiny_cameras, ndc):

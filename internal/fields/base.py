@@ -8,25 +8,9 @@ well seen, at most 2 from the centre where it is contracted.
 
 from typing import Any, Protocol, runtime_checkable
 
-import jax.numpy as jnp
 from flax import linen as nn
-from flax import struct
 from jax import Array
 from jaxtyping import Float
-
-
-@struct.dataclass
-class LinearFeatures:
-    """Features that are a linear layer of ``hidden`` and are never computed: a
-    ``Dense`` of them merges both layers into one product per sample, which saves a
-    tenth of the paper's MLP."""
-
-    hidden: Float[Array, "*b h"]
-    kernel: Float[Array, "h f"]
-    bias: Float[Array, " f"]
-
-
-Features = Float[Array, "*b f"] | LinearFeatures
 
 
 @runtime_checkable
@@ -35,7 +19,7 @@ class Trunk(Protocol):
 
     def __call__(
         self, mean: Float[Array, "*b 3"], var: Float[Array, "*b 3"]
-    ) -> tuple[Float[Array, "*b"], Features]: ...
+    ) -> tuple[Float[Array, "*b"], Float[Array, "*b f"]]: ...
 
 
 @runtime_checkable
@@ -68,24 +52,9 @@ class Dense(nn.Module):
     use_bias: bool = True
 
     @nn.compact
-    def __call__(self, inputs: Features) -> Float[Array, "*b g"]:
-        layer: Any = nn.Dense(
+    def __call__(self, inputs: Float[Array, "*b f"]) -> Float[Array, "*b g"]:
+        layer = nn.Dense(
             self.width, self.use_bias, kernel_init=nn.initializers.glorot_uniform()
         )
-        if isinstance(inputs, LinearFeatures):
-            kernel, bias = kernel_and_bias(layer, inputs.kernel.shape[1])
-            merged, offset = inputs.kernel @ kernel, inputs.bias @ kernel + bias
-            x = inputs.hidden
-            outputs = x.reshape(-1, x.shape[-1]) @ merged + offset
-            return outputs.reshape(*x.shape[:-1], self.width)
-        outputs = layer(inputs.reshape(-1, inputs.shape[-1]))
+        outputs: Any = layer(inputs.reshape(-1, inputs.shape[-1]))
         return outputs.reshape(*inputs.shape[:-1], self.width)
-
-
-def kernel_and_bias(
-    layer: nn.Module, inputs: int
-) -> tuple[Float[Array, "f g"], Float[Array, " g"]]:
-    """The numbers of a linear layer of so many ``inputs``, read from its answers."""
-    apply: Any = layer
-    answers = apply(jnp.concatenate([jnp.eye(inputs), jnp.zeros((1, inputs))]))
-    return answers[:-1] - answers[-1], answers[-1]

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from internal import mip
 from internal.binding import configurable, typed
-from internal.fields.base import Dense, LinearFeatures, kernel_and_bias
+from internal.fields.base import Dense
 
 
 @configurable("MLP")
@@ -39,7 +39,7 @@ class MipTrunk(nn.Module):
     @nn.compact
     def __call__(
         self, mean: Float[Array, "*b 3"], var: Float[Array, "*b 3"]
-    ) -> tuple[Float[Array, "*b"], LinearFeatures]:
+    ) -> tuple[Float[Array, "*b"], Float[Array, "*b f"]]:
         config = self.config
         encoded = mip.integrated_pos_enc(mean, var, config.max_deg)
         x = encoded
@@ -48,5 +48,4 @@ class MipTrunk(nn.Module):
             if layer % config.skip == 0 and layer > 0:
                 x = jnp.concatenate([x, encoded], axis=-1)
         raw_density = Dense(1)(x)[..., 0]
-        kernel, bias = kernel_and_bias(Dense(config.width), x.shape[-1])
-        return raw_density, LinearFeatures(x, kernel, bias)
+        return raw_density, Dense(config.width)(x)
