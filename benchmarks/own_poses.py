@@ -18,14 +18,6 @@ SHORT = (
     "Train.max_steps = 2500",
     "Train.enhance_start = 2100",
 )
-COLUMNS = (
-    ("dark", "psnr"),
-    ("dark", "ssim"),
-    ("enhanced", "psnr"),
-    ("enhanced", "ssim"),
-    ("enhanced", "psnr_exposure_matched"),
-    ("gain_to_mean", "psnr"),
-)
 
 
 def main() -> None:
@@ -41,8 +33,8 @@ def main() -> None:
     for label, data_dir in (("given", flags.given), ("own", scene)):
         bindings = [*SHORT, f"Config.data_dir = {str(data_dir)!r}"]
         mean = workload.scores(flags.out / label, workload.FAST, bindings)["mean"]
-        rows.append((label, *(f"{mean[kind][name]:.3f}" for kind, name in COLUMNS)))
-    headers = ("poses", *(f"{kind} {name}" for kind, name in COLUMNS))
+        rows.append((label, *workload.score_cells(mean)))
+    headers = ("poses", *workload.SCORE_HEADERS)
     print(workload.markdown(headers, rows))
 
 

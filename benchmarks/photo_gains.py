@@ -25,14 +25,6 @@ SHORT = (
     "Train.max_steps = 600",
     "Train.enhance_start = 500",
 )
-COLUMNS = (
-    ("dark", "psnr"),
-    ("dark", "ssim"),
-    ("enhanced", "psnr"),
-    ("enhanced", "ssim"),
-    ("enhanced", "psnr_exposure_matched"),
-    ("gain_to_mean", "psnr"),
-)
 
 
 def main() -> None:
@@ -58,12 +50,12 @@ def main() -> None:
             ]
             run = own / f"gains_{wanted}"
             mean = workload.scores(run, workload.FAST, bindings)["mean"]
-            cells = (f"{mean[kind][name]:.3f}" for kind, name in COLUMNS)
+            cells = workload.score_cells(mean)
             rows.append(
                 (f"{spread:g}", "used" if wanted else "", f"{error:.3f}", *cells)
             )
-    scored = (f"{kind} {name}" for kind, name in COLUMNS)
-    print(workload.markdown(("stops", GAINS_FILE, "error, stops", *scored), rows))
+    headers = ("stops", GAINS_FILE, "error, stops", *workload.SCORE_HEADERS)
+    print(workload.markdown(headers, rows))
 
 
 def random_stops(views: int, spread: float) -> Float[np.ndarray, " {views}"]:

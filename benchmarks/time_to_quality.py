@@ -10,16 +10,6 @@ from pathlib import Path
 
 from benchmarks import workload
 
-COLUMNS = (
-    ("dark", "psnr"),
-    ("dark", "ssim"),
-    ("enhanced", "psnr"),
-    ("enhanced", "ssim"),
-    ("enhanced", "psnr_exposure_matched"),
-    ("gain_to_mean", "psnr"),
-    ("gain_to_mean", "ssim"),
-)
-
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
@@ -40,10 +30,9 @@ def main() -> None:
             *flags.gin_bindings,
         ]
         scores = workload.scores(run, flags.gin_configs, bindings)
-        mean = scores["mean"]
-        cells = [f"{mean[kind][name]:.3f}" for kind, name in COLUMNS if kind in mean]
+        cells = workload.score_cells(scores["mean"])
         rows.append((f"{minutes:g}", scores["step"], *cells))
-        headers = ("minutes", "steps", *(f"{kind} {name}" for kind, name in COLUMNS))
+        headers = ("minutes", "steps", *workload.SCORE_HEADERS)
         print(workload.markdown(headers, rows), flush=True)
 
 

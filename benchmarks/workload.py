@@ -9,7 +9,7 @@ import resource
 import statistics
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,16 @@ from internal.training import TrainState, initial_state, make_train_step
 
 FAST = "configs/llnerf_fast.gin"
 FAITHFUL = "configs/llnerf.gin"
+SCORES = (
+    ("dark", "psnr"),
+    ("dark", "ssim"),
+    ("enhanced", "psnr"),
+    ("enhanced", "ssim"),
+    ("enhanced", "psnr_exposure_matched"),
+    ("gain_to_mean", "psnr"),
+    ("gain_to_mean", "ssim"),
+)
+SCORE_HEADERS = tuple(f"{kind} {name}" for kind, name in SCORES)
 
 
 @dataclasses.dataclass
@@ -91,6 +101,11 @@ def markdown(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """A Markdown table."""
     texts = tuple(tuple(map(str, row)) for row in rows)
     return evaluation.as_text(Table("", "", tuple(headers), texts))
+
+
+def score_cells(mean: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """What ``SCORE_HEADERS`` names, of the mean scores of test views that there are."""
+    return [f"{mean[kind][name]:.3f}" for kind, name in SCORES if kind in mean]
 
 
 def scores(run: Path, gin_config: str, gin_bindings: Sequence[str]) -> dict:
