@@ -146,50 +146,34 @@ class Model(nn.Module):
         return levels
 
     def light_up(self, level: Level, space: Space, edit: LightEdit) -> LitRendering:
-        """Enhances what a level saw, as ``config.enhancement`` says.
+        """Enhances what a level saw, as ``config.enhancement`` says: v at the samples
+        (paper, Eqs. 4 and 5), or the composited colour by one tone curve, of which
+        v_hat is the quotient by r.
 
         Weights, v and r are stopped: the enhancement's losses teach phi alone and
         cannot move the geometry or the decomposition.
         """
-        if self.config.enhancement == "tone":
-            return self._light_up_pixels(level, space, edit)
-        return self._light_up_samples(level, space, edit)
-
-    def _light_up_pixels(
-        self, level: Level, space: Space, edit: LightEdit
-    ) -> LitRendering:
-        """One tone curve of the composited colour; v_hat is its quotient by r."""
         samples = level.samples
         assert isinstance(samples, Decomposed)
         weights, v, r = stop_gradient((level.weights, samples.v, samples.r))
-        dark = stop_gradient(level.rgb)
-        enhanced = develop(dark, self.phi(), self.config.tone_contrast, edit)
         basis = composite(weights, r)
-        return LitRendering(
-            rgb=level.rgb,
-            depth=depth(space, level),
-            enhanced=enhanced,
-            v=composite(weights, v),
-            r=basis,
-            v_enhanced=enhanced / jnp.maximum(basis, 1e-6),
-        )
-
-    def _light_up_samples(
-        self, level: Level, space: Space, edit: LightEdit
-    ) -> GammaRendering:
-        """Enhances v along the rays and composites (paper, Eqs. 4 and 5)."""
-        samples = level.samples
-        assert isinstance(samples, Decomposed)
-        weights, v, r = stop_gradient((level.weights, samples.v, samples.r))
+        parts = {
+            "rgb": level.rgb,
+            "depth": depth(space, level),
+            "v": composite(weights, v),
+            "r": basis,
+        }
+        if self.config.enhancement == "tone":
+            dark = stop_gradient(level.rgb)
+            enhanced = develop(dark, self.phi(), self.config.tone_contrast, edit)
+            v_enhanced = enhanced / jnp.maximum(basis, 1e-6)
+            return LitRendering(**parts, enhanced=enhanced, v_enhanced=v_enhanced)
         coefficients: Coefficients = self.phi(v, samples.features)
         v_hat = phi(v, coefficients, self.config.gamma0, edit)
         gamma_energy = jnp.sum(coefficients.gamma**2, axis=-1, keepdims=True)
         return GammaRendering(
-            rgb=level.rgb,
-            depth=depth(space, level),
+            **parts,
             enhanced=composite(weights, v_hat * r),
-            v=composite(weights, v),
-            r=composite(weights, r),
             v_enhanced=composite(weights, v_hat),
             alpha=composite(weights, coefficients.alpha),
             gamma=composite(weights, coefficients.gamma),
