@@ -33,7 +33,7 @@ from internal import (
 )
 from internal.checkpoints import load_trained
 from internal.looks import configured_look
-from internal.pictures import EXPLANATIONS, display_for, pictures
+from internal.pictures import EXPLANATIONS, display_for, outputs_of, pictures
 from internal.renderer import Renderer
 from internal.trajectory import path_cameras
 
@@ -58,7 +58,7 @@ def main(argv: Sequence[str]) -> int:
     light = dataclasses.asdict(look)
     settings = {"step": int(state.step), "frames": len(cameras), **light}
     folder = Path(config.checkpoint_dir) / "render" / Path(render.path).stem
-    outputs = OUTPUTS if config.model.decomposition else ("dark", "depth")
+    outputs = [name for name in OUTPUTS if name in outputs_of(config.model)]
     for output in outputs:
         run_folder.make_folder(folder / output)
     forget_other_frames(folder, settings)
