@@ -85,7 +85,8 @@ def main() -> None:
         ("first picture after a stop, s", f"{statistics.median(coarse):.2f}"),
         (f"finished ({size([screen.frames[-1][1]])}), s",
          f"{statistics.median(waits):.2f}"),
-        ("rays / s", f"{studio.speed.rays_per_second:,.0f}"),
+        ("rays / s while moving", f"{studio.draft_speed.rays_per_second:,.0f}"),
+        ("rays / s, finished", f"{studio.final_speed.rays_per_second:,.0f}"),
     ]  # fmt: skip
     print(workload.markdown(("what", "measured"), rows))
 

@@ -10,13 +10,17 @@ import json
 import shutil
 import types
 
+import jax
 import numpy as np
 import pytest
 
 import eval as eval_script
 import render as render_script
 import study as study_script
-from internal import image_io
+from internal import image_io, parallel, paths
+from internal.checkpoints import Checkpoints, load_trained
+from internal.configs import load_config
+from internal.image import from_uint16
 from internal.study.answers import preferences, read_answers
 from tests.browser import chromium, until
 from tests.conftest import bindings, flags
@@ -119,6 +123,136 @@ def test_every_step_draws_what_render_py_writes(viewer, run):
     viewer.choose("Picture", "r")
     assert_shown(viewer, folder / "r" / "0000.png")
     assert viewer.frames[-1].number == computed  # light and choice cost no rendering
+
+
+def test_the_border_between_two_outputs_is_dragged_in_the_picture(viewer):
+    whole = viewer.frame
+    viewer.choose("Beside it", "dark")
+
+    def border():
+        """The column that is one bright grey from top to bottom, or -1."""
+        grey = (viewer.frame == viewer.frame.max()).all(axis=(0, 2))
+        return int(np.flatnonzero(grey)[-1]) if grey.any() else -1
+
+    until(lambda: border() == 17, "a border in the middle")
+    np.testing.assert_array_equal(viewer.frame[:, :17], whole[:, :17])
+    assert not np.array_equal(viewer.frame[:, 18:], whole[:, 18:])
+    viewer.settle()
+    computed = viewer.frames[-1].number
+    viewer.drag((288, 256), (144, 256))
+    until(lambda: border() == 8, "a border at a quarter")
+    assert viewer.frames[-1].number == computed  # the camera stayed
+    assert float(viewer.control("Split").input_value()) == pytest.approx(0.25, abs=0.02)
+
+
+def test_a_click_on_a_photo_goes_there_and_compares(viewer):
+    studio, page = viewer.studio, viewer.page
+    viewer.stand_at(studio.scene.view_names[0])
+    viewer.start_over()
+    viewer.open_tab("Photos")
+    page.get_by_label("Show photos").check()
+    page.mouse.move(288, 256)
+
+    def stepped_back():
+        page.mouse.wheel(0, 200)
+        return on_screen(viewer)
+
+    until(stepped_back, "a photo in sight")
+    viewer.settle()
+    page.mouse.click(*on_screen(viewer)[0])
+    places = np.asarray(studio.scene.cameras.camtoworlds)
+
+    def there():
+        apart = np.abs(places - viewer.cameras[-1].camtoworld).max(axis=(1, 2))
+        return np.flatnonzero(apart < 1e-3)
+
+    until(lambda: len(there()), "the camera at a photo's place")
+    viewer.settle()
+    photo = from_uint16(studio.scene.images[there()[0]])
+    right = (
+        slice(1, -1),
+        slice(20, -1),
+    )  # at the photo's edge the window may see past it
+    np.testing.assert_allclose(viewer.frame[right] / 255.0, photo[right], atol=ROUNDING)
+    viewer.open_tab("Photos")
+    page.get_by_label("Show photos").uncheck()
+
+
+def on_screen(viewer):
+    """Where the window shows photos that can be clicked, in screen pixels."""
+    camera, found = viewer.cameras[-1], []
+    rotation, centre = camera.camtoworld[:, :3], camera.camtoworld[:, 3]
+    size = 0.1 * viewer.studio.spread()
+    for pose in np.asarray(viewer.studio.scene.cameras.camtoworlds):
+        x, y, z = (pose[:, 3] - size * pose[:, 2] - centre) @ rotation
+        scale = 256.0 / np.tan(camera.fov / 2.0) / max(-z, 1e-9)
+        place = 288.0 + scale * x, 256.0 - scale * y
+        near = np.linalg.norm(pose[:, 3] - centre) < 4.0 * size
+        if not near and z < 0.0 and 60 < place[0] < 500 and 60 < place[1] < 450:
+            found.append(place)
+    return found
+
+
+def test_a_path_is_previewed_saved_and_rendered(viewer, run):
+    page, names = viewer.page, viewer.studio.scene.view_names
+    viewer.open_tab("Path")
+    viewer.press("Save for render.py")
+    until(lambda: "at least 2 keyframes" in page.inner_text("body"), "a message")
+    keyframes = []
+    for name in (names[0], names[3]):
+        viewer.stand_at(name)
+        keyframes.append(viewer.cameras[-1].camtoworld[:, 3])
+        viewer.open_tab("Path")
+        viewer.press("Add keyframe here")
+    until(lambda: "2 keyframes" in page.inner_text("body"), "2 keyframes")
+    viewer.type_in("Frames", "5")
+
+    before = len(viewer.cameras)
+    viewer.press("Preview / stop")
+    until(lambda: passed(viewer, before, keyframes[0]), "the preview's start")
+    until(lambda: passed(viewer, before, keyframes[1]), "the preview's end")
+    between = [camera.camtoworld[:, 3] for camera in viewer.cameras[before:]]
+    middle = np.mean(keyframes, axis=0)
+    apart = np.linalg.norm(np.subtract(between, middle), axis=1).min()
+    assert apart < 0.4 * np.linalg.norm(keyframes[1] - keyframes[0])
+
+    viewer.press("Save for render.py")
+    file = viewer.folder / "path.json"
+    until(file.is_file, "a saved path")
+    assert len(paths.from_json(file)) == 5
+    viewer.settle()
+    viewer.open_tab("Light")
+    viewer.choose("Beside it", "nothing")
+    assert_shown(viewer, rendered(run, file) / "enhanced" / "0004.png")
+
+
+def passed(viewer, since, place):
+    """Whether the camera was at a place since its ``since``-th move."""
+    return any(
+        np.abs(camera.camtoworld[:, 3] - place).max() < 1e-3
+        for camera in viewer.cameras[since:]
+    )
+
+
+def test_another_page_has_its_own_camera_and_light_and_may_be_closed(viewer):
+    frames = viewer.frames
+    mine, before = viewer.frame, len(viewer.frames)
+    other = viewer.browser.new_page(viewport={"width": 700, "height": 420})
+    other.goto(viewer.server.address)
+    until(lambda: len(frames) > before, "the other's picture")
+    assert frames[-1].number == 1
+    other.close()  # in the middle of refining
+    viewer.choose("Picture", "dark")
+    until(lambda: viewer.frame.shape == mine.shape, "the first page at work")
+
+
+def test_newer_checkpoints_are_shown_as_training_goes_on(viewer, run):
+    own = f"Config.checkpoint_dir = {str(run.folder)!r}"
+    config = load_config([], [*bindings(run.scene), own])
+    _, state = load_trained(config, parallel.data_mesh(jax.device_count()))
+    with Checkpoints(run.folder, kept=3) as checkpoints:
+        checkpoints.save(state.replace(step=state.step + 3))
+    until(lambda: viewer.frames[-1].step == 9, "the newer checkpoint")
 
 
 def test_a_report_slides_and_chooses(run, browser):

@@ -22,21 +22,21 @@ from hypothesis import strategies as st
 from internal import image_io, paths
 from internal.cameras import Lens
 from internal.colmap import lens_directions
-from internal.configs import load_config
+from internal.configs import ModelConfig, load_config
 from internal.editing import light_edit
 from internal.errors import UserError
 from internal.looks import Look
-from internal.models import GammaRendering, LitRendering
+from internal.models import GammaRendering, LitRendering, Model
 from internal.pictures import EXPLANATIONS, Display
 from internal.scene import load_scene
 from internal.viewer import takes
 from internal.viewer.canvas import PHOTO, Choice, draw, photo_through, with_gains
 from internal.viewer.free_camera import PIXELS, FreeCamera, single_camera, vertical_fov
-from internal.viewer.jobs import Job, Speedometer
+from internal.viewer.jobs import Job, Speedometer, Task
 from internal.viewer.server import Server
 from internal.viewer.session import Session
 from internal.viewer.sharing import Turns
-from internal.viewer.studio import Studio, Trained
+from internal.viewer.studio import Studio, Trained, with_fewer_samples
 from tests.browser import until
 from tests.scene_writers import facing_world, write_blender
 
@@ -78,15 +78,20 @@ class FakeStudio(Studio):
     """Renders constant pictures, and remembers the edits it was asked for."""
 
     def __init__(self, scene):
-        self.scene, self.turns, self.speed = scene, Turns(), FixedSpeed(1.0)
+        self.scene, self.turns = scene, Turns()
+        self.draft_speed = self.final_speed = FixedSpeed(1.0)
         self.trained, self.outputs = Trained({}, 7, DISPLAY), tuple(EXPLANATIONS)
-        self.edits = []
+        self.edits, self.drafts = [], 0
 
-    def parts(self, trained, camera, edit):
+    def final(self, trained, camera, edit):
         self.edits.append(edit)
         if camera.camtoworlds[0, 0, 3] == NOWHERE:
             raise ValueError("no such place")
-        return parts_of(camera)
+        return Task(camera, parts_of(camera), self.final_speed)
+
+    def draft(self, trained, camera, edit):
+        self.drafts += 1
+        return self.final(trained, camera, edit)
 
     def focus_depth(self):
         return 4.0
@@ -139,13 +144,23 @@ def test_a_still_camera_gets_finer_pictures_up_to_the_wanted_size(studio, page):
     assert 0.9 * PIXELS["500 x 375"] < sizes[-1] <= PIXELS["500 x 375"]
     assert [frame.finished for frame in page.frames] == [False] * 4 + [True]
     assert [frame.number for frame in page.frames] == [1, 2, 3, 4, 5]
+    assert studio.drafts == 4
 
 
 def test_a_fast_computer_starts_with_a_large_picture(studio, page):
-    studio.speed = FixedSpeed(1e9)
+    studio.final_speed = FixedSpeed(1e9)
     page.session.stand(CAMERA)
     work(studio)
     assert len(page.frames) == 1
+    assert not studio.drafts
+
+
+def test_a_draft_looks_at_the_same_field_less_often():
+    model = Model(ModelConfig(num_samples=(64, 1)))
+    draft = with_fewer_samples(model)
+    assert draft.config.num_samples == (32, 1)
+    same = dataclasses.replace(draft.config, num_samples=(64, 1))
+    assert same == model.config
 
 
 def test_a_moving_camera_sees_pictures_and_refines_none(studio, page):
@@ -266,7 +281,8 @@ def test_a_page_that_left_gets_no_more_work(studio, page):
 def test_a_job_may_be_stepped_at_any_pace():
     done = []
     cameras = [single_camera(POSE, CAMERA.lens(9000)) for _ in range(2)]
-    job = Job(cameras, parts_of, done.append, Speedometer(1.0))
+    speed = Speedometer(1.0)
+    job = Job([Task(c, parts_of(c), speed) for c in cameras], done.append)
     steps = 0
     while not job.done:
         job.step()

@@ -5,6 +5,7 @@ A job belongs to one session. Whoever runs jobs calls ``step`` until it is done 
 may stop at any time; between two steps nothing is running.
 """
 
+import dataclasses
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol, runtime_checkable
@@ -16,7 +17,6 @@ from internal.models import LitRendering, Rendering
 from internal.renderer import assemble
 
 Parts = Iterator[Rendering | LitRendering]
-StartParts = Callable[[Cameras], Parts]
 Finish = Callable[[Rendering | LitRendering], None]
 
 
@@ -32,24 +32,23 @@ class Speedometer:
         self.rays_per_second += 0.3 * (rate - self.rays_per_second)
 
 
-class Job:
-    """Renders each of ``cameras`` in turn and hands every whole picture over."""
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """A picture of one camera, computed as its parts are asked for."""
 
-    def __init__(
-        self,
-        cameras: Sequence[Cameras],
-        start_parts: StartParts,
-        finish: Finish,
-        speed: Speedometer,
-    ) -> None:
-        self._waiting = list(cameras)
-        self._start_parts = start_parts
+    camera: Cameras
+    parts: Parts
+    speed: Speedometer  # hears how long each part took
+
+
+class Job:
+    """Carries out each of ``tasks`` in turn and hands every whole picture over."""
+
+    def __init__(self, tasks: Sequence[Task], finish: Finish) -> None:
+        self._waiting = list(tasks)
         self._finish = finish
-        self._speed = speed
         self._done_parts: list[Rendering | LitRendering] = []
-        self._parts: Parts = iter(())
         self.delivered = 0  # whole pictures so far
-        self._begin()
 
     @property
     def done(self) -> bool:
@@ -58,21 +57,16 @@ class Job:
 
     def step(self) -> None:
         """Computes one chunk; at the end of a picture hands it over."""
-        started = time.perf_counter()
-        part = next(self._parts, None)
+        task, started = self._waiting[0], time.perf_counter()
+        part = next(task.parts, None)
         if part is not None:
             self._done_parts.append(jax.block_until_ready(part))
-            self._speed.note(len(part.rgb), time.perf_counter() - started)
+            task.speed.note(len(part.rgb), time.perf_counter() - started)
             return
-        camera = self._waiting.pop(0)
+        self._waiting.pop(0)
+        parts, self._done_parts = self._done_parts, []
         self.delivered += 1
-        self._finish(assemble(self._done_parts, camera))
-        self._begin()
-
-    def _begin(self) -> None:
-        self._done_parts = []
-        if self._waiting:
-            self._parts = self._start_parts(self._waiting[0])
+        self._finish(assemble(parts, task.camera))
 
 
 @runtime_checkable

@@ -133,12 +133,8 @@ class Session:
             )
             self._say(f"saved {path} and, beside it, {path.stem}.json for render.py")
 
-        job = Job(
-            [single_camera(pose, lens)],
-            lambda camera: self._studio.parts(trained, camera, edit),
-            write,
-            self._studio.speed,
-        )
+        task = self._studio.final(trained, single_camera(pose, lens), edit)
+        job = Job([task], write)
         Errand(job, self._studio.turns, self._say)
 
     def urgency(self) -> int:
@@ -174,26 +170,27 @@ class Session:
 
     def _start(self, camera: FreeCamera, look: Look) -> Job:
         """Renders from there: as fine as is quick, then finer up to the wanted size."""
-        trained, full = self._studio.trained, PIXELS[self.size]
-        edit = look.edit().without_gains()
-        quick = self._studio.speed.rays_per_second * SECONDS_TO_FIRST_PICTURE
-        sizes = [s for s in (*COARSE_PIXELS, full) if s <= full]
-        first = max((i for i, s in enumerate(sizes) if s <= quick), default=0)
-        lenses = list(dict.fromkeys(camera.lens(s) for s in sizes[first:]))
+        studio, full = self._studio, PIXELS[self.size]
+        trained, edit = studio.trained, look.edit().without_gains()
+        quick = studio.draft_speed.rays_per_second * SECONDS_TO_FIRST_PICTURE
+        drafts = [pixels for pixels in COARSE_PIXELS if pixels < full]
+        first = max(
+            (i for i, pixels in enumerate(drafts) if pixels <= quick), default=0
+        )
+        if full <= studio.final_speed.rays_per_second * SECONDS_TO_FIRST_PICTURE:
+            first = len(drafts)
+        *lenses, last = dict.fromkeys(camera.lens(n) for n in (*drafts[first:], full))
+        cameras = [single_camera(camera.camtoworld, lens) for lens in (*lenses, last)]
+        tasks = [studio.draft(trained, c, edit) for c in cameras[:-1]]
+        tasks.append(studio.final(trained, cameras[-1], edit))
 
         def finish(rendering: Rendering | LitRendering) -> None:
             self._shown = _Shown(rendering, camera, trained)
             self._times.append(time.perf_counter())
             self._frames += 1
-            finished = rendering.rgb.shape[:2] == (lenses[-1].height, lenses[-1].width)
-            self._draw(finished)
+            self._draw(finished=rendering.rgb.shape[:2] == (last.height, last.width))
 
-        return Job(
-            [single_camera(camera.camtoworld, lens) for lens in lenses],
-            lambda camera: self._studio.parts(trained, camera, edit),
-            finish,
-            self._studio.speed,
-        )
+        return Job(tasks, finish)
 
     def _draw(self, finished: bool) -> None:
         shown = self._shown
@@ -207,7 +204,7 @@ class Session:
         times = self._times
         elapsed = times[-1] - times[0]
         frames_per_second = (len(times) - 1) / elapsed if elapsed > 0.0 else 0.0
-        rays_per_second = self._studio.speed.rays_per_second
+        rays_per_second = self._studio.draft_speed.rays_per_second
         step = shown.trained.step
         frame = Frame(
             picture, self._frames, frames_per_second, rays_per_second, step, finished
