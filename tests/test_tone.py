@@ -11,6 +11,7 @@ import numpy as np
 import optax
 import pytest
 
+from benchmarks.tone import Variant, light, meter
 from internal import losses
 from internal.cameras import cast_rays
 from internal.configs import load_config
@@ -146,6 +147,22 @@ def test_a_pale_scene_gets_the_least_colour_of_normal_photos(darkness):
     assert 1.1 < tone.saturation < 1.95
     assert spread == pytest.approx(0.14, abs=0.005)
     assert jnp.mean(jnp.max(enhanced, -1)) == pytest.approx(0.58, abs=0.01)
+
+
+@pytest.mark.parametrize("colour", [(1.0, 0.7, 0.4), (1.0, 0.7, 0.6)])
+def test_metering_by_gradients_finds_what_bisection_finds(colour):
+    dark = scene_of(colour, 0.03)
+    shipped = Variant()
+    *balance, stops, saturation = meter(shipped, dark)
+    tone, _ = metered(dark)
+    assert tone.stops == pytest.approx(stops, abs=0.03)
+    assert tone.saturation == pytest.approx(saturation, abs=0.02)
+    found = Tone(jnp.float32(stops), jnp.float32(saturation))
+    np.testing.assert_allclose(
+        light(shipped, *balance, stops, saturation, dark),
+        develop(dark, found, 1.3, NEUTRAL),
+        atol=1e-5,
+    )
 
 
 def test_a_gray_scene_gets_no_more_colour_than_the_most_saturation_gives():
