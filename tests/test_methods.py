@@ -9,7 +9,7 @@ from internal import enhancers
 from internal.errors import UserError
 from internal.methods import Method, methods_for, read_methods
 
-LISTS = sorted((Path(__file__).parents[1] / "configs" / "methods").glob("*.toml"))
+LISTS = Path(__file__).parents[1] / "configs" / "methods"
 
 
 @pytest.fixture
@@ -22,8 +22,10 @@ def write(tmp_path):
     return write
 
 
-def test_the_lists_of_the_project_are_read_together():
-    names = [method.name for method in read_methods(LISTS)]
+@pytest.mark.parametrize("models", ["models.toml", "short.toml"])
+def test_the_lists_of_the_project_are_read_together(models):
+    files = [LISTS / "photos.toml", LISTS / models]
+    names = [method.name for method in read_methods(files)]
     assert {"dark photo", "LIME, denoised", "{folder} + NeRF", "LLNeRF"} <= set(names)
 
 
