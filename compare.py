@@ -5,10 +5,11 @@ python compare.py LOM/buu LOM/chair --out outputs/comparison \
     --gin_bindings="Config.factor = 2"
 
 Methods are the entries of photos.toml and models.toml in configs/methods, or of the
-lists that --methods names: photos enhanced one by one, and models trained on photos. Scenes need no truth,
-but have no scores without it. Writes index.html, table.md, table.csv, table.tex and a
-folder of figures per scene. Run again, it does what is missing: add a method or a
-scene, and the rest stays. A training that fails costs its own rows only.
+lists that --methods names: photos enhanced one by one, and models trained on photos.
+Scenes need no truth, but have no scores without it. Writes index.html, table.md,
+table.csv, table.tex and a folder of figures per scene. Run again, it does what is
+missing: add a method or a scene, and the rest stays. A training that fails costs its
+own rows only.
 """
 
 import argparse
@@ -93,7 +94,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--methods", type=Path, nargs="+", metavar="LIST",
         default=[LISTS / "photos.toml", LISTS / "models.toml"],
-        help="lists of methods; photos.toml and models.toml of configs/methods if left out",
+        help="lists of methods; photos.toml and models.toml of configs/methods if none",
     )  # fmt: skip
     cli.add_bindings_flag(parser)
     return parser
