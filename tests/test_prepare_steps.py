@@ -208,6 +208,13 @@ def test_each_fault_makes_a_scene_unfit(change, word):
     assert word in verdict.warnings[0]
 
 
+def test_poses_on_few_points_are_fit_with_a_warning():
+    few = dataclasses.replace(GOOD, points=8 * GOOD.registered)
+    verdict = checks.judge(few, [DARK] * 20, (), 0.0)
+    assert verdict.fit
+    assert "may be wrong" in verdict.warnings[0]
+
+
 def test_a_similarity_is_no_difference_and_a_turn_is():
     world = surrounding_world()
     moved = world.moved(0.3, random_rotation(), np.ones(3))
