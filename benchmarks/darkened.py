@@ -12,15 +12,14 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from benchmarks import workload
-from benchmarks.tone import VARIANTS, Variant, light, meter
+from benchmarks.tone import Variant, light, meter
 from internal import image_io, metrics
 from internal.baselines import gain_to_mean
 from internal.capture import CaptureModel, capture, view_key
 from internal.image import linear_to_srgb, photo_to_linear
-from internal.metrics import exposure_matched
+from internal.pictures import Picture
 
 SHRINK = 4  # times smaller on each side: noise is that of 16 photos
 PHOTOS = 6  # of a scene
@@ -29,8 +28,6 @@ HEADERS = (
     "PSNR of the curve", "and exposure-matched", "one gain to mean 0.5",
     "one gain, chosen with the truth",
 )  # fmt: skip
-
-Picture = Float[np.ndarray, "height width 3"]
 
 
 def main() -> None:
@@ -69,13 +66,11 @@ def shrunk(linear_rgb: Picture) -> Picture:
 def scores(dark: list[Picture], truth: list[Picture]) -> list[str]:
     """The cells of a scene at one level: means over its photos."""
     pixels = np.concatenate([x.reshape(-1, 3) for x in dark])
-    shipped: Variant = VARIANTS["all parts"]
+    shipped = Variant()
     found = meter(shipped, pixels)
     lit = [np.asarray(light(shipped, *found, x)) for x in dark]
     gained = [np.asarray(gain_to_mean(x)) for x in dark]
-    best = [
-        np.asarray(exposure_matched(x, y)) for x, y in zip(dark, truth, strict=True)
-    ]
+    best = [metrics.exposure_matched(x, y) for x, y in zip(dark, truth, strict=True)]
     means = [photo_to_linear(np.stack(x)).mean() for x in (lit, truth)]
     mean = [
         np.mean([metrics.psnr(a, b) for a, b in zip(pictures, truth, strict=True)])

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 
 from benchmarks import workload
-from internal import cli, metrics, parallel, progress
+from internal import cli, losses, metrics, parallel, progress
 from internal.baselines import gain_to_mean
 from internal.checkpoints import load_trained
 from internal.configs import Config
@@ -146,8 +146,7 @@ def meter(
 
     def too_pale(stops: float, saturation: float) -> bool:
         srgb = lit(stops, saturation, dark_srgb)
-        spread = jnp.max(srgb, axis=-1) - jnp.min(srgb, axis=-1)
-        return bool(jnp.mean(spread) < variant.least)
+        return bool(losses.colorfulness(srgb) < variant.least)
 
     stops, saturation = 0.0, 1.0
     for _ in range(ROUNDS):

@@ -43,13 +43,17 @@ def metering_loss(enhanced: Float[Array, "*b 3"], *, target: float) -> Float[Arr
     return (jnp.mean(jnp.max(enhanced, axis=-1)) - target) ** 2
 
 
+def colorfulness(srgb: Float[Array, "*b 3"]) -> Float[Array, ""]:
+    """E[max_c - min_c]: zero for gray."""
+    return jnp.mean(jnp.max(srgb, axis=-1) - jnp.min(srgb, axis=-1))
+
+
 def colorfulness_loss(
     enhanced: Float[Array, "*b 3"], *, least: float
 ) -> Float[Array, ""]:
     """(E[max_c c_hat - min_c c_hat] - least)^2: asks a scene that is paler than normal
     photos for more colour. No saturation is less than 1, so it takes none away."""
-    spread = jnp.max(enhanced, axis=-1) - jnp.min(enhanced, axis=-1)
-    return (jnp.mean(spread) - least) ** 2
+    return (colorfulness(enhanced) - least) ** 2
 
 
 def gray_world_loss(

@@ -169,10 +169,8 @@ def test_a_click_on_a_photo_goes_there_and_compares(viewer):
     until(lambda: len(there()), "the camera at a photo's place")
     viewer.settle()
     photo = from_uint16(studio.scene.images[there()[0]])
-    right = (
-        slice(1, -1),
-        slice(20, -1),
-    )  # at the photo's edge the window may see past it
+    # At the photo's edge the window may see past it.
+    right = slice(1, -1), slice(20, -1)
     np.testing.assert_allclose(viewer.frame[right] / 255.0, photo[right], atol=ROUNDING)
     viewer.open_tab("Photos")
     page.get_by_label("Show photos").uncheck()

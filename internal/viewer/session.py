@@ -174,15 +174,13 @@ class Session:
         trained, edit = studio.trained, look.edit().without_gains()
         quick = studio.draft_speed.rays_per_second * SECONDS_TO_FIRST_PICTURE
         drafts = [pixels for pixels in COARSE_PIXELS if pixels < full]
-        first = max(
-            (i for i, pixels in enumerate(drafts) if pixels <= quick), default=0
-        )
+        drafts = drafts[max(sum(pixels <= quick for pixels in drafts) - 1, 0) :]
         if full <= studio.final_speed.rays_per_second * SECONDS_TO_FIRST_PICTURE:
-            first = len(drafts)
-        *lenses, last = dict.fromkeys(camera.lens(n) for n in (*drafts[first:], full))
-        cameras = [single_camera(camera.camtoworld, lens) for lens in (*lenses, last)]
-        tasks = [studio.draft(trained, c, edit) for c in cameras[:-1]]
-        tasks.append(studio.final(trained, cameras[-1], edit))
+            drafts = []
+        *lenses, last = dict.fromkeys(camera.lens(n) for n in (*drafts, full))
+        *coarse, fine = (single_camera(camera.camtoworld, x) for x in (*lenses, last))
+        tasks = [studio.draft(trained, seen, edit) for seen in coarse]
+        tasks.append(studio.final(trained, fine, edit))
 
         def finish(rendering: Rendering | LitRendering) -> None:
             self._shown = _Shown(rendering, camera, trained)
