@@ -2,8 +2,10 @@
 """Laws of the steps from photos to a scene, each by itself."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
+import pycolmap
 import pytest
 from scene_writers import facing_world, flat_picture, random_rotation, surrounding_world
 
@@ -12,6 +14,7 @@ from internal.errors import UserError
 from internal.pose_comparison import compare
 from internal.poses import transform_poses
 from internal.prepare import (
+    attempts,
     brighten,
     checks,
     exposures,
@@ -21,6 +24,7 @@ from internal.prepare import (
     statistics,
 )
 from internal.prepare.checking import epipolar_error, neighbours
+from internal.prepare.mapping import Model
 from internal.prepare.orient import DISTANCE, scene_frame
 from internal.prepare.photos import find_photos
 from internal.prepare.pipeline import NOTES
@@ -199,6 +203,7 @@ def test_a_good_scene_is_fit_without_warnings():
         ({"error": 9.0}, "poses are wrong"),
         ({"error": float("nan")}, "poses are wrong"),
         ({"points": 3}, "texture"),
+        ({"points": 8 * GOOD.registered}, "may be wrong"),
         ({"has_depth_range": False}, "Config.near"),
     ],
 )
@@ -208,11 +213,21 @@ def test_each_fault_makes_a_scene_unfit(change, word):
     assert word in verdict.warnings[0]
 
 
-def test_poses_on_few_points_are_fit_with_a_warning():
-    few = dataclasses.replace(GOOD, points=8 * GOOD.registered)
-    verdict = checks.judge(few, [DARK] * 20, (), 0.0)
-    assert verdict.fit
-    assert "may be wrong" in verdict.warnings[0]
+def attempt_on(views, points):
+    """An attempt that placed so many views, on so many points."""
+    options = pycolmap.SyntheticDatasetOptions(
+        num_rigs=1, num_frames_per_rig=views, num_points3D=points
+    )
+    model = Model(pycolmap.synthesize_dataset(options), tuple(range(views)))
+    return attempts.Attempt(attempts.WAYS[0], Path(), (model,))
+
+
+def test_the_best_attempt_rests_on_points_then_places_most():
+    shaky, whole, partial = attempt_on(8, 50), attempt_on(8, 200), attempt_on(6, 200)
+    nothing = attempts.Attempt(attempts.WAYS[0], Path(), ())
+    assert [a.solid for a in (shaky, whole, nothing)] == [False, True, False]
+    ranked = sorted([nothing, shaky, partial, whole], key=lambda a: a.rank)
+    assert ranked == [whole, partial, shaky, nothing]
 
 
 def test_a_similarity_is_no_difference_and_a_turn_is():

@@ -16,6 +16,7 @@ from jaxtyping import Float
 from internal import image_io, progress
 from internal.prepare import mapping, matching
 from internal.prepare.brighten import AS_IT_IS, Recipe, make_copy
+from internal.prepare.checks import rests_on_points
 from internal.prepare.mapping import Model
 from internal.prepare.matching import Copy
 
@@ -67,6 +68,28 @@ class Attempt:
         return len(self.models[0].views) if self.models else 0
 
     @property
+    def points(self) -> int:
+        """Number of sparse points."""
+        return self.models[0].points if self.models else 0
+
+    @property
+    def solid(self) -> bool:
+        """Whether there are poses, held by points enough to be trusted."""
+        return bool(self.models) and rests_on_points(self.points, self.registered)
+
+    @property
+    def rank(self) -> tuple[bool, int, float]:
+        """Smaller is better: poses to be trusted, many of them, small errors."""
+        return not self.solid, -self.registered, self.error
+
+    def describe(self, views: int) -> str:
+        """What it found, in a few words."""
+        placed = f"{self.registered} of {views} photos placed"
+        if not self.models:
+            return placed
+        return f"{placed}, error {self.error:.2f} pixels, {self.points} points"
+
+    @property
     def error(self) -> float:
         """Mean reprojection error in pixels of the copies; infinite without model."""
         return self.models[0].error if self.models else float("inf")
@@ -83,21 +106,17 @@ def try_ways(
         work: folder for copies and databases.
 
     Returns:
-        Attempts, the best first: most photos, then smallest error.
+        Attempts, the best first (``Attempt.rank``).
     """
     attempts = []
     for way in _different(ways, len(copies)):
         print(f"trying: {way.name}", flush=True)
         attempt = _try_way(way, copies, read, work)
         attempts.append(attempt)
-        print(
-            f"  {attempt.registered} of {len(copies)} photos placed"
-            + (f", error {attempt.error:.2f} pixels" if attempt.models else ""),
-            flush=True,
-        )
-        if attempt.registered >= ENOUGH * len(copies):
+        print(f"  {attempt.describe(len(copies))}", flush=True)
+        if attempt.solid and attempt.registered >= ENOUGH * len(copies):
             break
-    return sorted(attempts, key=lambda a: (-a.registered, a.error))
+    return sorted(attempts, key=lambda attempt: attempt.rank)
 
 
 def make_copies(recipe: Recipe, count: int, read: ReadView, folder: Path) -> None:

@@ -17,7 +17,7 @@ FEW_VIEWS = 10
 FEWEST_POINTS = 50
 # Per photo. Right poses of LOM's photos at 1 to 1/4 of their light came with 25 to 76,
 # wrong ones (by 8 degrees, chair at 1/8) with 8 and a reprojection error of 1.4.
-FEW_POINTS = 12
+FEWEST_POINTS_PER_VIEW = 12
 PLACED_ENOUGH = 0.5
 LARGE_ERROR = 2.0  # pixels of the copies
 USELESS_ERROR = 3.0
@@ -46,6 +46,14 @@ class Verdict:
 
     fit: bool
     warnings: tuple[str, ...]
+
+
+def rests_on_points(points: int, views: int) -> bool:
+    """Whether that many points can hold the cameras of that many views.
+
+    Poses that fit fewer may still be wrong: they bend until those few agree.
+    """
+    return points >= FEWEST_POINTS_PER_VIEW * views
 
 
 def judge(
@@ -86,6 +94,10 @@ def _faults(geometry: Geometry, photos: int) -> list[str]:
         < USELESS_ERROR,
         f"Only {geometry.points} points were found: photograph things with texture, "
         "in more light.": 0 < geometry.points < FEWEST_POINTS,
+        f"Only {geometry.points} points for {geometry.registered} photos: the poses "
+        "may be wrong though they fit. More light or bright twins (--pose-images) "
+        "help.": geometry.points >= FEWEST_POINTS
+        and not rests_on_points(geometry.points, geometry.registered),
         "No depth range: no points that several photos see; give Config.near and "
         "Config.far.": not geometry.has_depth_range,
     }
@@ -96,11 +108,6 @@ def _geometry_advice(geometry: Geometry) -> list[str]:
     tests = {
         f"{geometry.registered} views are few: 20 to 60 make a good scene. Take more "
         "from other places.": geometry.registered < FEW_VIEWS,
-        f"Only {geometry.points} points for {geometry.registered} photos: the poses "
-        "may be wrong though they fit. Look at the cameras below before training; more "
-        "light or bright twins (--pose-images) help.": 0
-        < geometry.points
-        < FEW_POINTS * geometry.registered,
         f"Poses fit to {geometry.error:.1f} pixels only, so fine detail will be lost: "
         "use a tripod or shorter exposures against motion blur.": geometry.error
         > LARGE_ERROR,

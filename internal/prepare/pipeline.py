@@ -268,5 +268,4 @@ def _write_cameras(scene: Path, photos: Sequence[Photo], best: Attempt) -> None:
 
 def _tried(attempt: Attempt) -> Tried:
     error = attempt.error if attempt.models else 0.0
-    points = attempt.models[0].points if attempt.models else 0
-    return Tried(attempt.way.name, attempt.registered, error, points)
+    return Tried(attempt.way.name, attempt.registered, error, attempt.points)
