@@ -54,13 +54,14 @@ def main(argv: Sequence[str]) -> int:
         dark = from_uint16(scene.images[index])
         truth = from_uint16(scene.truth[index]) if scene.truth else None
         baselines = evaluation.brightened(np.asarray(rendering.rgb))
-        views[name] = evaluation.score_view(rendering, baselines, dark, truth)
+        gain = np.asarray(scene.cameras.gains[index])
+        views[name] = evaluation.score_view(rendering, baselines, dark, truth, gain)
         shown = {**pictures(rendering, display), "input": dark, **baselines}
         del shown["unchanged"]  # the picture "dark"
         if truth is not None:
             shown["truth"] = truth
         for output, picture in shown.items():
-            path = Path(output) / f"{Path(name).stem}.png"
+            path = Path(output) / evaluation.picture_name(name)
             run_folder.make_folder(folder / output)
             image_io.write(folder / path, picture)
             written.setdefault(output, []).append((path.as_posix(), name))

@@ -14,6 +14,7 @@ if __name__ == "__main__":  # before the imports: they would happen twice
     process.restart_tuned()
 
 import dataclasses
+import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,6 +32,7 @@ from internal import (
     run_folder,
     video,
 )
+from internal.cameras import Cameras
 from internal.checkpoints import load_trained
 from internal.looks import configured_look
 from internal.pictures import EXPLANATIONS, display_for, outputs_of, pictures
@@ -56,7 +58,7 @@ def main(argv: Sequence[str]) -> int:
     display = display_for(renderer.picture(state.params, first_view))
 
     light = dataclasses.asdict(look)
-    settings = {"step": int(state.step), "frames": len(cameras), **light}
+    settings = {"step": int(state.step), "path": fingerprint(cameras), **light}
     folder = Path(config.checkpoint_dir) / "render" / Path(render.path).stem
     outputs = [name for name in OUTPUTS if name in outputs_of(config.model)]
     for output in outputs:
@@ -91,7 +93,15 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def forget_other_frames(folder: Path, settings: dict[str, float]) -> None:
+def fingerprint(cameras: Cameras) -> str:
+    """Changes with any pose, and with the number and the size of the frames."""
+    digest = hashlib.sha256()
+    for part in (cameras.camtoworlds, cameras.widths, cameras.heights):
+        digest.update(np.asarray(part).tobytes())
+    return digest.hexdigest()[:12]
+
+
+def forget_other_frames(folder: Path, settings: dict[str, float | str]) -> None:
     """Removes frames of an earlier run with other settings; keeps those of this."""
     record = folder / "settings.json"
     if record.is_file() and json.loads(record.read_text()) != settings:

@@ -47,7 +47,7 @@ def main(argv: Sequence[str]) -> int:
         state = checkpoints.restore(like, mesh)
     start = int(state.step)
     print(f"run folder: {folder}, from step {start} to {train.max_steps}", flush=True)
-    if config.losses.observation == "noisy":
+    if config.losses.observation == "noisy" and parallel.is_writer():
         noise.record(folder, scene.noise)
 
     # The loop. A step that is not finite keeps the state before it.

@@ -233,7 +233,7 @@ def _score_photos(out: Path, job: Job, bindings: Sequence[str]) -> None:
                 truth = from_uint16(scene.truth[index])
                 views[name] = evaluation.score_pictures(shown, truth)
                 shown["truth"] = truth
-            _write_pictures(partial, Path(name).stem, shown)
+            _write_pictures(partial, evaluation.picture_name(name), shown)
         mean = evaluation.mean_scores(views) if views else {}
         result = {"views": views, "mean": mean}
         run_folder.write_text(
@@ -244,8 +244,8 @@ def _score_photos(out: Path, job: Job, bindings: Sequence[str]) -> None:
     make_folder(folder, settings, fill, overwrite=False)
 
 
-def _write_pictures(folder: Path, view: str, pictures: dict[str, np.ndarray]) -> None:
+def _write_pictures(folder: Path, name: str, pictures: dict[str, np.ndarray]) -> None:
     for output, picture in pictures.items():
         kind = folder / PICTURE_FOLDERS.get(output, output)
         kind.mkdir(exist_ok=True)
-        image_io.write(kind / f"{view}.png", picture)
+        image_io.write(kind / name, picture)

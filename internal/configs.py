@@ -99,7 +99,7 @@ class TrainConfig:
     log_every: int = 100
     checkpoint_every: int = 5000
     checkpoints_kept: int = 2
-    preview_every: int = 5000  # TensorBoard pictures of the first test view
+    preview_every: int = 5000  # TensorBoard pictures of the first training view
 
 
 @configurable("Render")
@@ -187,6 +187,24 @@ def _check(config: Config) -> None:
             or model.enhancement == "tone"
         ),
         "Train.max_steps >= 1": train.max_steps >= 1,
+        "Train.log_every, checkpoint_every, preview_every >= 1": min(
+            train.log_every, train.checkpoint_every, train.preview_every
+        )
+        >= 1,
+        "Optimizer.lr_init, phi_lr_init > 0": min(
+            config.optimizer.lr_init, config.optimizer.phi_lr_init
+        )
+        > 0.0,
+        "Render.frames, fps, chunk >= 1": min(
+            config.render.frames, config.render.fps, config.render.chunk
+        )
+        >= 1,
+        "Model.head_width >= 1, deg_view >= 0": model.head_width >= 1
+        and model.deg_view >= 0,
+        "Model.field: sizes >= 1": min(_sizes(model.field), default=1) >= 1,
+        "Train.passes = 1 for a tone curve, which is metered over the whole batch": (
+            train.passes == 1 or model.enhancement == "gamma"
+        ),
         "Train.batch_size >= 1": train.batch_size >= 1,
         "Train.passes divides Train.batch_size": train.passes >= 1
         and train.batch_size % train.passes == 0,
@@ -194,6 +212,12 @@ def _check(config: Config) -> None:
     for rule, holds in rules.items():
         if not holds:
             raise UserError(f"gin: a binding breaks the rule: {rule}")
+
+
+def _sizes(field: FieldConfig) -> list[int]:
+    """All counts and resolutions of a field."""
+    flat = [x if isinstance(x, tuple) else (x,) for x in vars(field).values()]
+    return [x for sizes in flat for x in sizes if type(x) is int]
 
 
 def to_json(config: Config) -> str:

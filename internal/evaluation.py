@@ -8,12 +8,13 @@ truth; one baseline, ``unchanged``, is the dark rendering itself. Pictures are
 """
 
 import json
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from internal import baselines, metrics
+from internal import baselines, image, metrics
 from internal.models import LitRendering, Rendering
 from internal.pages import Table
 
@@ -47,15 +48,28 @@ def score_view(
     baseline_pictures: Pictures,
     dark: Float[np.ndarray, "height width 3"],
     truth: Float[np.ndarray, "height width 3"] | None,
+    gain: Float[np.ndarray, " 3"],
 ) -> Scores:
-    """Scores of one rendered view and of what ``brightened`` makes of it; ``truth``
-    is None where there is none."""
-    scores = {"dark": metrics.score_dark(rendering.rgb, dark)}
+    """Scores of one rendered view and of what ``brightened`` makes of it.
+
+    Args:
+        dark: the photo, which took ``gain`` times the scene's linear light.
+        truth: None where there is none.
+    """
+    rgb = jnp.asarray(rendering.rgb)
+    photo = image.expose(rgb, jnp.broadcast_to(gain, rgb.shape))
+    scores = {"dark": metrics.score_dark(np.asarray(photo), dark)}
     if truth is None:
         return scores
     if isinstance(rendering, LitRendering):
         scores["enhanced"] = metrics.score(rendering.enhanced, truth)
     return scores | score_pictures(baseline_pictures, truth)
+
+
+def picture_name(view: str) -> str:
+    """The file name of a view's pictures: its own, with its folders before it."""
+    parts = PurePosixPath(view).with_suffix("").parts
+    return "_".join(part for part in parts if part.strip("/.")) + ".png"
 
 
 def score_pictures(

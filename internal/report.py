@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parts of a result page that explain where its numbers and pictures come from."""
 
-import json
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -84,9 +83,7 @@ def this_command() -> pages.Markup:
 
 def _read_curves(run: Path) -> dict[str, charts.Curve]:
     """By name: steps and values of what a run logged and what was not always equal."""
-    log = run / run_folder.LOG
-    lines = log.read_text().splitlines() if log.is_file() else []
-    rows = [json.loads(line) for line in lines]
+    rows = run_folder.read_log(run)
     names = dict.fromkeys(name for row in rows for name in row)
     curves = {
         name: [(row["step"], row[name]) for row in rows if name in row]

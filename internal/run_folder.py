@@ -6,12 +6,14 @@ command, ``metrics.jsonl`` one JSON object per log line with the seconds of trai
 up to it, ``tensorboard/`` the same for TensorBoard, with pictures.
 """
 
+import contextlib
 import json
 import shlex
 import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -23,7 +25,8 @@ from internal.errors import UserError
 
 LOG = "metrics.jsonl"
 
-# May differ when a run goes on: they change no number of the result, or only add.
+# May differ when a run goes on: they change no number of the result, or only add; more
+# steps also stretch what is left of the schedules of the learning rates.
 _FREE = frozenset(
     "checkpoint_dir max_image_memory render gt_dir train.max_steps train.log_every "
     "train.checkpoint_every train.checkpoints_kept train.preview_every".split()
@@ -106,9 +109,18 @@ def training_seconds(folder: Path) -> float:
 
     0 for a run that logged nothing, or did before seconds were logged.
     """
+    rows = read_log(folder)
+    return rows[-1].get("seconds", 0.0) if rows else 0.0
+
+
+def read_log(folder: Path) -> list[dict[str, Any]]:
+    """The lines of a run's ``LOG``; one that a full disk cut short is left out."""
     path = folder / LOG
-    lines = path.read_text().splitlines() if path.is_file() else []
-    return json.loads(lines[-1]).get("seconds", 0.0) if lines else 0.0
+    rows = []
+    for line in path.read_text().splitlines() if path.is_file() else ():
+        with contextlib.suppress(ValueError):
+            rows.append(json.loads(line))
+    return rows
 
 
 class RunLog:
@@ -121,10 +133,10 @@ class RunLog:
         self._unread = tempfile.TemporaryDirectory()
         if not parallel.is_writer():
             folder = Path(self._unread.name)
-        path = folder / LOG
-        _drop_after(path, start_step)
+        self._path = folder / LOG
+        _drop_after(folder, start_step)
         self._began = time.monotonic() - training_seconds(folder)
-        self._file = path.open("a")
+        self._file = self._path.open("a")
         self._board = SummaryWriter(
             str(folder / "tensorboard"), purge_step=start_step + 1
         )
@@ -133,8 +145,9 @@ class RunLog:
         """One line of numbers for ``step``."""
         seconds = round(time.monotonic() - self._began, 2)
         line = {"step": step, "seconds": seconds, **values}
-        self._file.write(json.dumps(line) + "\n")
-        self._file.flush()
+        with atomic.naming(self._path):
+            self._file.write(json.dumps(line) + "\n")
+            self._file.flush()
         for name, value in values.items():
             self._board.add_scalar(name, value, step)
 
@@ -154,9 +167,8 @@ class RunLog:
         self._unread.cleanup()
 
 
-def _drop_after(path: Path, step: int) -> None:
+def _drop_after(folder: Path, step: int) -> None:
     """Removes lines of steps that the checkpoint does not hold: they come again."""
-    if path.is_file():
-        lines = path.read_text().splitlines(keepends=True)
-        kept = [line for line in lines if json.loads(line)["step"] <= step]
-        write_text(path, "".join(kept))
+    if (folder / LOG).is_file():
+        kept = [row for row in read_log(folder) if row["step"] <= step]
+        write_text(folder / LOG, "".join(json.dumps(row) + "\n" for row in kept))

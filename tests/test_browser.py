@@ -96,8 +96,8 @@ def test_the_first_screen_shows_the_scene_and_explains_itself(viewer):
 def test_every_step_draws_what_render_py_writes(viewer, run):
     start = viewer.cameras[-1].camtoworld
     viewer.drag((300, 300), (330, 310))
+    until(lambda: np.abs(viewer.cameras[-1].camtoworld - start).max() > 0.01, "a move")
     viewer.settle()
-    assert np.abs(viewer.cameras[-1].camtoworld - start).max() > 0.01
     moved = viewer.snapshot()
     neutral = rendered(run, moved) / "enhanced" / "0000.png"
     assert_shown(viewer, neutral)
@@ -237,7 +237,7 @@ def test_another_page_has_its_own_camera_and_light_and_may_be_closed(viewer):
     other = viewer.browser.new_page(viewport={"width": 700, "height": 420})
     other.goto(viewer.server.address)
     until(lambda: len(frames) > before, "the other's picture")
-    assert frames[before].number == 1
+    assert any(frame.number == 1 for frame in frames[before:])
     other.close()  # in the middle of refining
     viewer.choose("Picture", "dark")
     until(lambda: viewer.frame.shape == mine.shape, "the first page at work")

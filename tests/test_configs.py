@@ -50,6 +50,12 @@ def test_later_bindings_win_and_do_not_leak_into_the_next_load():
         ("Train.neighbors = 1", "neighbors"),
         ("Train.neighbors = 0", "neighbors"),
         ("Config.factor = 0", "factor"),
+        ("Train.log_every = 0", "log_every"),
+        ("Optimizer.lr_init = 0.0", "lr_init"),
+        ("Render.chunk = 0", "chunk"),
+        ("Model.head_width = 0", "head_width"),
+        ("MLP.width = 0", "field"),
+        ("Train.passes = 2\nModel.enhancement = 'tone'", "passes"),
     ],
 )
 def test_a_wrong_binding_is_one_line_that_names_it(binding, named):

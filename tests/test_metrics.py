@@ -10,8 +10,9 @@ import skimage.metrics
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from internal import baselines, color_error, lpips, metrics
-from internal.image import linear_to_srgb, quantize, srgb_to_linear
+from internal import baselines, color_error, evaluation, lpips, metrics
+from internal.image import expose, linear_to_srgb, quantize, srgb_to_linear
+from internal.models import Rendering
 
 needs_lpips = pytest.mark.skipif(
     not lpips.available(), reason="the extra metrics is not installed"
@@ -31,6 +32,22 @@ def _picture(seed: int, height: int = 24, width: int = 32) -> np.ndarray:
 def _exposed(srgb: np.ndarray, gain: float) -> np.ndarray:
     linear_rgb = gain * srgb_to_linear(srgb)
     return np.asarray(jnp.clip(linear_to_srgb(linear_rgb), 0.0, 1.0))
+
+
+def test_a_dark_view_is_scored_under_its_photos_gain():
+    rgb = jnp.asarray(_picture(0)) * 0.3
+    gain = np.array([2.0, 1.5, 1.0], np.float32)
+    photo = np.asarray(expose(rgb, jnp.broadcast_to(gain, rgb.shape)))
+    rendering = Rendering(rgb, jnp.ones((*rgb.shape[:2], 1)))
+    right = evaluation.score_view(rendering, {}, photo, None, gain)["dark"]["psnr"]
+    none = np.ones(3, np.float32)
+    wrong = evaluation.score_view(rendering, {}, photo, None, none)["dark"]["psnr"]
+    assert wrong < 40.0 < 90.0 < right
+
+
+def test_pictures_of_views_in_different_folders_have_different_names():
+    names = [evaluation.picture_name(n) for n in ("1.jpg", "a/1.jpg", "/b/1.jpg")]
+    assert names == ["1.png", "a_1.png", "b_1.png"]
 
 
 def test_psnr_by_hand():

@@ -56,7 +56,11 @@ def test_two_processes_equal_one(tmp_path):
         )
         for process in (0, 1)
     ]
-    outputs = [process.communicate(timeout=300)[0] for process in both]
+    try:
+        outputs = [process.communicate(timeout=300)[0] for process in both]
+    finally:
+        for process in both:
+            process.kill()
     assert [process.returncode for process in both] == [0, 0], "\n".join(outputs)
     assert "process 1 of 2" in outputs[1]
     assert train_script.main(flags(scene, tmp_path / "one")) == 0

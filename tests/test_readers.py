@@ -236,6 +236,12 @@ class TestTransforms:
         with pytest.raises(UserError, match="name no file_path"):
             read(tmp_path)
 
+    @pytest.mark.parametrize("wrong", [5, [["images/00.png"]], "images/00.png"])
+    def test_filenames_that_are_no_list_are_refused(self, tmp_path, wrong):
+        write_nerfstudio(tmp_path, WORLD, train_filenames=wrong)
+        with pytest.raises(UserError, match=r"train_filenames is .*expected a list"):
+            read(tmp_path)
+
     @pytest.mark.parametrize("write", [write_blender, write_nerfstudio])
     def test_stated_bounds(self, tmp_path, write):
         write(tmp_path, WORLD)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scripts end to end on a tiny night scene: train, resume, evaluate, render."""
 
+import dataclasses
 import json
 import shutil
 import signal
@@ -17,6 +18,7 @@ import sweep as sweep_script
 import train as train_script
 from internal import image_io, parallel, report, run_folder, scored_run
 from internal.checkpoints import load_trained
+from internal.cli import load_split
 from internal.configs import load_config, to_json
 from internal.errors import Diverged, UserError
 from tests.conftest import TINY_MODEL, bindings, flags
@@ -48,6 +50,26 @@ def test_training_explains_its_folder(run):
     assert 0.0 < lines[0]["seconds"] < lines[-1]["seconds"]
     assert run_folder.training_seconds(run) == lines[-1]["seconds"]
     assert any((run / "tensorboard").iterdir())
+
+
+def test_a_log_line_that_was_cut_short_stops_nothing(tmp_path):
+    rows = [{"step": 2, "seconds": 1.0}, {"step": 4, "seconds": 2.5}]
+    whole = "".join(json.dumps(row) + "\n" for row in rows)
+    (tmp_path / run_folder.LOG).write_text(whole + '{"step": 6, "sec')
+    assert run_folder.read_log(tmp_path) == rows
+    assert run_folder.training_seconds(tmp_path) == 2.5
+    with run_folder.RunLog(tmp_path, 2) as log:
+        log.scalars(4, {"psnr": 30.0})
+    assert [row["step"] for row in run_folder.read_log(tmp_path)] == [2, 4]
+
+
+def test_other_poses_or_sizes_are_another_path(scene):
+    cameras = load_split(load_config([], bindings(scene)), "train").cameras
+    path, back = cameras.take(np.array([0, 1])), cameras.take(np.array([1, 0]))
+    larger = dataclasses.replace(path, widths=np.asarray(path.widths) + 1)
+    prints = {render_script.fingerprint(c) for c in (path, back, larger)}
+    assert len(prints) == 3
+    assert render_script.fingerprint(cameras.take(np.array([0, 1]))) in prints
 
 
 def test_a_resumed_run_equals_an_uninterrupted_one(scene, run, tmp_path, monkeypatch):

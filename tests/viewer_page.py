@@ -96,6 +96,13 @@ class ViewerPage:
         self.open_tab("Photos")
         self.choose("Photo", name)
         self.press("Stand there")
+        view = self.studio.scene.view_names.index(name)
+        wanted = np.asarray(self.studio.scene.cameras.camtoworlds[view])
+
+        def there():
+            return np.abs(self.cameras[-1].camtoworld - wanted).max() < 1e-3
+
+        until(there, f"the camera at {name}")
         self.settle()
 
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
@@ -122,7 +129,7 @@ class ViewerPage:
         """Takes a snapshot; returns its JSON."""
         before = set(self.folder.glob("snapshot_*.json"))
         self.press("Snapshot")
-        until(lambda: set(self.folder.glob("*.json")) > before, "a snapshot")
+        until(lambda: set(self.folder.glob("snapshot_*.json")) > before, "a snapshot")
         (record,) = set(self.folder.glob("snapshot_*.json")) - before
         return record
 

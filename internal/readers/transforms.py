@@ -32,6 +32,7 @@ from internal.readers.base import Reader, SceneFiles
 
 SPLIT_FILE = "transforms_{}.json"
 SINGLE_FILE = "transforms.json"
+LARGEST_NUMBER = 1e9  # of pixels or depths; also finite
 WORST_FIT = 0.01  # of the spread of the camera centres
 WORST_AXES = 0.05  # between unit vectors: 3 degrees
 PERSPECTIVE_TERMS = ("k1", "k2", "p1", "p2")
@@ -83,9 +84,8 @@ def read_nerfstudio(data_dir: Path, images_dir: str) -> SceneFiles:
         UserError: the file is broken, or a picture is missing.
     """
     frames = _read_frames(data_dir / SINGLE_FILE, is_test=False)
-    shared = frames[0].values
-    test = set(shared.get("test_filenames") or shared.get("val_filenames") or ())
-    train = set(shared.get("train_filenames") or ())
+    test = _listed(frames[0], "test_filenames") or _listed(frames[0], "val_filenames")
+    train = _listed(frames[0], "train_filenames")
     frames = [
         dataclasses.replace(frame, is_test=frame.values["file_path"] in test)
         for frame in frames
@@ -158,6 +158,17 @@ def _names(paths: Iterable[Path], data_dir: Path) -> list[str]:
         (path.relative_to(data_dir) if is_inside else path).as_posix()
         for path, is_inside in zip(paths, inside, strict=True)
     ]
+
+
+def _listed(frame: _Frame, key: str) -> set[str]:
+    """The file paths that the file lists under a key; none where it has none."""
+    names = frame.values.get(key) or []
+    if not isinstance(names, list) or not all(isinstance(n, str) for n in names):
+        raise UserError(
+            f"{frame.json_path}: {key} is {str(names)[:60]}; expected a list of the "
+            "file_path of frames"
+        )
+    return set(names)
 
 
 def _find_picture(frame: _Frame) -> Path:
@@ -250,10 +261,10 @@ def _focal_lengths(frame: _Frame, width: int, height: int) -> tuple[float, float
 
 def _number(frame: _Frame, key: str, default: float) -> float:
     value = frame.values.get(key, default)
-    if not isinstance(value, int | float) or not math.isfinite(value):
+    if not isinstance(value, int | float) or not abs(value) < LARGEST_NUMBER:
         raise UserError(
-            f"{frame.json_path}: {key} of {frame.image_path.name} is {value!r}; "
-            "expected a finite number"
+            f"{frame.json_path}: {key} of {frame.image_path.name} is "
+            f"{repr(value)[:60]}; expected a finite number"
         )
     return float(value)
 

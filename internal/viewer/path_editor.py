@@ -35,7 +35,8 @@ class PathEditor:
         self._client, self._scene, self._say = client, scene, say
         self._render, self._folder = render, folder
         self._keyframes: list[np.ndarray] = []
-        self._playing = threading.Event()
+        self._stopped = threading.Event()  # of the last preview
+        self._stopped.set()
         gui = client.gui
         self._count = gui.add_markdown(self._describe())
         buttons = {
@@ -52,7 +53,7 @@ class PathEditor:
 
     def stop(self) -> None:
         """Ends a preview."""
-        self._playing.clear()
+        self._stopped.set()
 
     def _describe(self) -> str:
         return f"{len(self._keyframes)} keyframes; a path needs 2"
@@ -72,12 +73,15 @@ class PathEditor:
         self._say("smoothed: preview the path, or smooth it more")
 
     async def _play_or_stop(self, _: object) -> None:
-        if self._playing.is_set():
-            self._playing.clear()
+        if not self._stopped.is_set():
+            self.stop()
             return
         poses = self._path()
-        self._playing.set()
-        threading.Thread(target=self._play, args=(poses,), daemon=True).start()
+        self._stopped = threading.Event()
+        play = threading.Thread(
+            target=self._play, args=(poses, self._stopped), daemon=True
+        )
+        play.start()
 
     async def _save(self, _: object) -> None:
         path = takes.write_path(
@@ -90,12 +94,11 @@ class PathEditor:
             raise UserError("add at least 2 keyframes first")
         return paths.through(np.stack(self._keyframes), int(self._frames.value))
 
-    def _play(self, poses: np.ndarray) -> None:
+    def _play(self, poses: np.ndarray, stopped: threading.Event) -> None:
         """Carries the browser's camera along a path, at the video's pace."""
-        fov, pace = self._client.camera.fov, threading.Event()
+        fov = self._client.camera.fov
         for pose in poses:
-            if not self._playing.is_set():
-                return
             move(self._client, pose, fov)
-            pace.wait(1.0 / self._render.fps)
-        self._playing.clear()
+            if stopped.wait(1.0 / self._render.fps):
+                return
+        stopped.set()

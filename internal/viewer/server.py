@@ -27,6 +27,8 @@ class Server:
         check_free(host, port)
         self._config, self._studio = config, studio
         self._pages: dict[int, tuple[Panel, Session]] = {}
+        self._gone: set[int] = set()  # closed while they were opened
+        self._lock = threading.Lock()
         self._closed = threading.Event()
         self._server = viser.ViserServer(host, port, label="LLNeRF", verbose=False)
         self.address = f"http://{host}:{self._server.get_port()}"
@@ -35,7 +37,8 @@ class Server:
         self._server.on_client_disconnect(self._shut)
         self._worker = threading.Thread(target=studio.turns.run_forever, daemon=True)
         self._worker.start()
-        threading.Thread(target=self._watch, daemon=True).start()
+        self._watcher = threading.Thread(target=self._watch, daemon=True)
+        self._watcher.start()
 
     def wait(self) -> None:
         """Returns when it is closed; Ctrl-C interrupts."""
@@ -46,7 +49,8 @@ class Server:
         """Ends all pages and both threads."""
         self._closed.set()
         self._studio.turns.stop()
-        self._worker.join()  # the interpreter must not end while JAX compiles
+        for thread in (self._worker, self._watcher):
+            thread.join()  # the interpreter must not end while JAX compiles
         self._server.stop()
 
     def _set_the_stage(self) -> None:
@@ -69,11 +73,18 @@ class Server:
         session = Session(self._studio, lambda f: panel.show(f), lambda t: panel.say(t))
         folder = Path(self._config.checkpoint_dir) / "view"
         panel = Panel(client, self._studio, session, self._config.render, folder)
-        self._pages[client.client_id] = panel, session
-        self._studio.turns.join(session)
+        with self._lock:
+            if client.client_id in self._gone:
+                self._gone.remove(client.client_id)
+                return
+            self._pages[client.client_id] = panel, session
+            self._studio.turns.join(session)
 
     def _shut(self, client: viser.ClientHandle) -> None:
-        page = self._pages.pop(client.client_id, None)
+        with self._lock:
+            page = self._pages.pop(client.client_id, None)
+            if not page:
+                self._gone.add(client.client_id)
         if page:
             panel, session = page
             panel.close()

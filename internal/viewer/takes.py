@@ -21,6 +21,8 @@ from internal.poses import transform_poses
 from internal.run_folder import make_folder
 from internal.scene import Scene
 
+SNAPSHOT = re.compile(r"snapshot_(\d+)\.json")
+
 Poses = Float[np.ndarray, "n 3 4"]
 
 
@@ -47,7 +49,8 @@ def write_snapshot(
     states the output, the training step and the light's gin bindings.
     """
     make_folder(folder)
-    taken = [int(p.stem.split("_")[1]) for p in folder.glob("snapshot_*.json")]
+    names = (SNAPSHOT.fullmatch(path.name) for path in folder.iterdir())
+    taken = [int(name[1]) for name in names if name]
     path = folder / f"snapshot_{max(taken, default=0) + 1:03d}.png"
     facts = {
         "output": shot.output,
@@ -72,8 +75,10 @@ def write_path(
     Raises:
         UserError: the name is no file name, or the folder cannot be written.
     """
-    if not re.fullmatch(r"[\w-]+", name):
-        raise UserError(f"path name {name!r}: use letters, digits, - and _")
+    if not re.fullmatch(r"[\w-]+", name) or SNAPSHOT.fullmatch(f"{name}.json"):
+        raise UserError(
+            f"path name {name!r}: use letters, digits, - and _, and no snapshot's name"
+        )
     make_folder(folder)
     path = folder / f"{name}.json"
     paths.to_json(path, in_world(scene, camtoworlds), fps)
