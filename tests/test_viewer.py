@@ -388,6 +388,8 @@ def test_a_path_is_saved_in_the_frame_of_the_pose_file(scene, tmp_path):
     np.testing.assert_allclose(again, takes.in_world(scene, poses), atol=1e-6)
     with pytest.raises(UserError, match=r"path name '\.\./x'"):
         takes.write_path(tmp_path, "../x", scene, poses, fps=30)
+    with pytest.raises(UserError, match="no snapshot's name"):
+        takes.write_path(tmp_path, "snapshot_001", scene, poses, fps=30)
 
 
 def test_a_path_goes_through_its_keyframes(scene):
