@@ -36,8 +36,8 @@ class ModelConfig:
     deg_view: int = 4
     head_width: int = 128  # hidden width of F1, F2 and phi
     density_noise: float = 1.0  # std, training only
-    enhancement: str = "gamma"  # Eq. 4 at each sample; tone: one curve per scene
-    gamma0: float = 2.2  # paper, Eq. 4
+    enhancement: str = "gamma"  # Eq. 8 at each sample; tone: one curve per scene
+    gamma0: float = 2.2  # paper, Eq. 8
     tone_contrast: float = 1.3  # exponent of the tone curve
 
 

@@ -28,7 +28,7 @@ def enhance_v(
     alpha: Float[Array, "*b 1"],
     exponent: Float[Array, "*b 3"],
 ) -> Float[Array, "*b 3"]:
-    """v_hat = (v / alpha)^exponent (paper, Eq. 4); alpha = exponent = 1 is identity."""
+    """v_hat = (v / alpha)^exponent (paper, Eq. 8); alpha = exponent = 1 is identity."""
     return (v / jnp.maximum(alpha, EPS_ALPHA)) ** exponent
 
 
@@ -38,7 +38,7 @@ def phi(
     gamma0: float,
     edit: LightEdit,
 ) -> Float[Array, "*b 3"]:
-    """Eq. 4 with exponent 1 / (gamma0 + gamma), under the user's light edit.
+    """Eq. 8 with exponent 1 / (gamma0 + gamma), under the user's light edit.
 
     The edit's strength moves alpha and the exponent towards their identity, 1; its
     contrast multiplies the exponent and its gains multiply v_hat along the rays

@@ -29,7 +29,7 @@ def data_loss(
 
 
 def exposure_loss(enhanced: Float[Array, "*b 3"], *, target: float) -> Float[Array, ""]:
-    """L_c1 = E[(c_hat - e)^2] (paper, Eq. 8, first term), on the channel mean: the
+    """L_c1 = E[(c_hat - e)^2] (paper, Eq. 9, first term), on the channel mean: the
     colour is left to the gray-world term."""
     return jnp.mean((jnp.mean(enhanced, axis=-1) - target) ** 2)
 
@@ -59,7 +59,7 @@ def colorfulness_loss(
 def gray_world_loss(
     enhanced: Float[Array, "*b 3"], r: Float[Array, "*b 3"], *, bias: float
 ) -> Float[Array, ""]:
-    """L_c2 = E[var_c(c_hat) / (beta_1 + var_c(r))] (paper, Eq. 8, second term).
+    """L_c2 = E[var_c(c_hat) / (beta_1 + var_c(r))] (paper, Eq. 9, second term).
 
     ``r`` is first divided by its largest channel: v * r leaves the scale of r open,
     and a saturated colour must relax the term at any scale.
@@ -69,7 +69,7 @@ def gray_world_loss(
 
 
 def gamma_norm_loss(gamma_energy: Float[Array, "*b 1"]) -> Float[Array, ""]:
-    """L_c3 = ||gamma||^2 (paper, Eq. 8, third term), averaged over channels where
+    """L_c3 = ||gamma||^2 (paper, Eq. 9, third term), averaged over channels where
     the ray meets something: weighted along rays, so empty space does not count."""
     return jnp.mean(gamma_energy) / 3.0
 

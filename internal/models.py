@@ -58,7 +58,7 @@ class Rendering:
 
 @struct.dataclass
 class LitRendering(Rendering):
-    """A rendering with its decomposition and enhancement (paper, Eqs. 3-5)."""
+    """A rendering with its decomposition and enhancement (paper, Eqs. 3, 4 and 8)."""
 
     enhanced: Float[Array, "*rays 3"]  # c_hat
     v: Float[Array, "*rays 1"]
@@ -68,7 +68,7 @@ class LitRendering(Rendering):
 
 @struct.dataclass
 class GammaRendering(LitRendering):
-    """One that Eq. 4 lit, with its composited coefficients."""
+    """One that Eq. 8 lit, with its composited coefficients."""
 
     alpha: Float[Array, "*rays 1"]
     gamma: Float[Array, "*rays 3"]
@@ -147,7 +147,7 @@ class Model(nn.Module):
 
     def light_up(self, level: Level, space: Space, edit: LightEdit) -> LitRendering:
         """Enhances what a level saw, as ``config.enhancement`` says: v at the samples
-        (paper, Eqs. 4 and 5), or the composited colour by one tone curve, of which
+        (paper, Eqs. 4 and 8), or the composited colour by one tone curve, of which
         v_hat is the quotient by r.
 
         Weights, v and r are stopped: the enhancement's losses teach phi alone and

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One camera-like tone curve for the whole scene: our alternative to Eq. 4's.
+"""One camera-like tone curve for the whole scene: our alternative to Eq. 8's.
 
 A normal-light photo differs from a dark one by an exposure in linear light and by the
 S-shaped response of a camera, so the enhancement brightens what the field holds with
