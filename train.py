@@ -64,7 +64,9 @@ def main(argv: Sequence[str]) -> int:
             check_finite(stats, step - 1)  # the step before: devices stay busy
             state, stats = take_step(state, step - 1)
             bar.update()
-            last = step == train.max_steps or bool(interruption)
+            last = step == train.max_steps or parallel.agreed_to_stop(
+                bool(interruption), step, train.log_every
+            )
             if last or step % train.log_every == 0:
                 check_finite(stats, step)
                 numbers = summarize(stats)

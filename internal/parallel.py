@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import jax
 import numpy as np
+from jax.experimental import multihost_utils
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 from jaxtyping import ArrayLike
 
@@ -73,6 +74,18 @@ def shard_batch(tree: T, mesh: Mesh) -> T:
     return jax.tree.map(
         lambda x: jax.make_array_from_process_local_data(sharding, np.asarray(x)), tree
     )
+
+
+def agreed_to_stop(asked: bool, step: int, every: int) -> bool:
+    """Whether this process or another was asked to stop.
+
+    All must leave after the same step, so several compare every ``every`` steps only.
+    """
+    if jax.process_count() == 1:
+        return asked
+    if step % every:
+        return False
+    return bool(np.any(multihost_utils.process_allgather(np.array(asked))))
 
 
 def is_writer() -> bool:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two processes on loopback train what one process trains."""
+"""Two processes on loopback train what one process trains, and stop together."""
 
+import contextlib
+import signal
 import socket
 import subprocess
 import sys
@@ -9,12 +11,14 @@ from pathlib import Path
 import chex
 import jax
 import jax.numpy as jnp
+import pytest
 
 import make_scene
 import train as train_script
-from internal import parallel
-from internal.checkpoints import load_trained
+from internal import parallel, run_folder
+from internal.checkpoints import Checkpoints, load_trained
 from internal.configs import load_config
+from tests.browser import until
 from tests.conftest import TINY_MODEL
 
 ROOT = Path(__file__).parents[1]
@@ -37,16 +41,23 @@ def load(run):
     return jax.tree.map(jnp.asarray, state)
 
 
-def test_two_processes_equal_one(tmp_path):
-    scene = tmp_path / "night"
+@pytest.fixture
+def scene(tmp_path):
+    folder = tmp_path / "night"
     make_scene.main(
-        ["night", str(scene), "--views", "4", "--width", "24", "--height", "18"]
+        ["night", str(folder), "--views", "4", "--width", "24", "--height", "18"]
     )
+    return folder
+
+
+@contextlib.contextmanager
+def two_processes(arguments):
+    """train.py with those arguments, twice, as one run; none lives on."""
     cluster = (f"--coordinator=127.0.0.1:{free_port()}", "--num_processes=2")
     both = [
         subprocess.Popen(
             [
-                *(sys.executable, "train.py", *flags(scene, tmp_path / "two")),
+                *(sys.executable, "train.py", *arguments),
                 *(*cluster, f"--process_id={process}"),
             ],
             cwd=ROOT,
@@ -57,13 +68,38 @@ def test_two_processes_equal_one(tmp_path):
         for process in (0, 1)
     ]
     try:
-        outputs = [process.communicate(timeout=300)[0] for process in both]
+        yield both
     finally:
         for process in both:
             process.kill()
-    assert [process.returncode for process in both] == [0, 0], "\n".join(outputs)
+
+
+def finish(both, codes):
+    outputs = [process.communicate(timeout=300)[0] for process in both]
+    assert [process.returncode for process in both] == codes, "\n".join(outputs)
+    return outputs
+
+
+def test_two_processes_equal_one(scene, tmp_path):
+    with two_processes(flags(scene, tmp_path / "two")) as both:
+        outputs = finish(both, [0, 0])
     assert "process 1 of 2" in outputs[1]
     assert train_script.main(flags(scene, tmp_path / "one")) == 0
     one, two = load(tmp_path / "one"), load(tmp_path / "two")
     assert one.step == two.step == 6
     chex.assert_trees_all_close(one.params, two.params, atol=2e-5)
+
+
+def test_a_signal_to_one_process_saves_and_ends_both(scene, tmp_path):
+    run = tmp_path / "run"
+    endless = [
+        f"--gin_bindings=Train.{name} = 100000"
+        for name in ("max_steps", "checkpoint_every", "preview_every")
+    ]
+    with two_processes([*flags(scene, run), *endless]) as both:
+        until(lambda: run_folder.read_log(run), "a logged step")
+        both[1].send_signal(signal.SIGINT)
+        finish(both, [0, 128 + signal.SIGINT])
+    logged = [row["step"] for row in run_folder.read_log(run)]
+    with Checkpoints(run, kept=1) as checkpoints:
+        assert checkpoints.latest_step() == logged[-1]

@@ -21,6 +21,7 @@ from internal.prepare import (
     matching,
     photos,
     reasons,
+    scene_files,
     statistics,
 )
 from internal.prepare.checking import epipolar_error, neighbours
@@ -319,3 +320,15 @@ def test_a_folder_begun_is_gone_on_with_until_it_is_finished(tmp_path):
     assert made_folder.begin_folder(folder, {"a": 1}, overwrite=False) == {"n": 3.0}
     assert made_folder.begin_folder(folder, {"a": 1}, overwrite=True) is None
     assert not (folder / "part").exists()
+
+
+def test_truth_in_linear_light_is_developed_like_a_photo(tmp_path):
+    for i in range(3):
+        image_io.write(tmp_path / f"{i}.png", flat_picture(9.0 + i, 8, 8))
+    photo = find_photos(tmp_path, tmp_path / NOTES).photos[1]
+    truth = tmp_path / "truth.exr"
+    image_io.write(truth, np.full((8, 8, 3), 0.2))
+    scene_files.place_truth(photo, truth, tmp_path / "scene")
+    placed = image_io.read_srgb(tmp_path / "scene" / "high" / "1.png")
+    expected = image.quantize(image.linear_to_srgb(np.full((8, 8, 3), 0.2)))
+    np.testing.assert_allclose(placed, expected, atol=1e-6)

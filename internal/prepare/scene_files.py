@@ -69,10 +69,14 @@ def pair_truth(photos: Sequence[Photo], folder: Path) -> tuple[tuple[Path, ...],
 
 
 def place_truth(photo: Photo, truth: Path, scene: Path) -> None:
-    """Copies a normal-light picture under the name of its dark photo."""
-    name = PurePosixPath(photo.scene_name).with_suffix(truth.suffix)
-    target = scene / TRUTH / name
+    """Copies or develops a normal-light picture under the name of its dark photo."""
+    developed = truth.suffix.lower() in DEVELOPED_EXTENSIONS
+    ending = ".png" if developed else truth.suffix
+    target = scene / TRUTH / PurePosixPath(photo.scene_name).with_suffix(ending)
     target.parent.mkdir(parents=True, exist_ok=True)
+    if developed:
+        image_io.write(target, read_photo(truth))
+        return
     with atomic.writing(target) as partial:
         shutil.copyfile(truth, partial)
 
