@@ -191,6 +191,7 @@ def _check(config: Config) -> None:
             train.log_every, train.checkpoint_every, train.preview_every
         )
         >= 1,
+        "Train.checkpoints_kept >= 1": train.checkpoints_kept >= 1,
         "Optimizer.lr_init, phi_lr_init > 0": min(
             config.optimizer.lr_init, config.optimizer.phi_lr_init
         )

@@ -51,6 +51,7 @@ def test_later_bindings_win_and_do_not_leak_into_the_next_load():
         ("Train.neighbors = 0", "neighbors"),
         ("Config.factor = 0", "factor"),
         ("Train.log_every = 0", "log_every"),
+        ("Train.checkpoints_kept = 0", "checkpoints_kept"),
         ("Optimizer.lr_init = 0.0", "lr_init"),
         ("Render.chunk = 0", "chunk"),
         ("Model.head_width = 0", "head_width"),

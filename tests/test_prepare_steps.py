@@ -20,6 +20,7 @@ from internal.prepare import (
     exposures,
     matching,
     photos,
+    plots,
     reasons,
     scene_files,
     statistics,
@@ -320,6 +321,12 @@ def test_a_folder_begun_is_gone_on_with_until_it_is_finished(tmp_path):
     assert made_folder.begin_folder(folder, {"a": 1}, overwrite=False) == {"n": 3.0}
     assert made_folder.begin_folder(folder, {"a": 1}, overwrite=True) is None
     assert not (folder / "part").exists()
+
+
+def test_the_histogram_of_photos_with_white_lamps_is_drawn(tmp_path):
+    counts = np.full(256, 10)
+    plots.plot_histogram(counts, tmp_path / "histogram.png")
+    assert image_io.read_srgb(tmp_path / "histogram.png").std() > 0.0
 
 
 def test_truth_in_linear_light_is_developed_like_a_photo(tmp_path):
