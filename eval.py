@@ -29,6 +29,7 @@ from internal import (
 )
 from internal.checkpoints import load_trained
 from internal.image import from_uint16
+from internal.pairing import flat_png
 from internal.pictures import EXPLANATIONS, display_for, pictures
 from internal.renderer import Renderer
 
@@ -61,7 +62,7 @@ def main(argv: Sequence[str]) -> int:
         if truth is not None:
             shown["truth"] = truth
         for output, picture in shown.items():
-            path = Path(output) / evaluation.picture_name(name)
+            path = Path(output) / flat_png(name)
             run_folder.make_folder(folder / output)
             image_io.write(folder / path, picture)
             written.setdefault(output, []).append((path.as_posix(), name))

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that appear under their name only when they are whole."""
+"""Files that appear under their name only when they are whole, and what is whole of
+those that grow line by line."""
 
 import contextlib
+import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from internal.errors import UserError
 
@@ -36,3 +39,13 @@ def writing(path: Path) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)
+
+
+def whole_lines(path: Path) -> list[Any]:
+    """The values of a file of JSON lines; none if there is no file. A line that was
+    cut short, by an interruption or a full disk, is left out."""
+    values = []
+    for line in path.read_text().splitlines() if path.is_file() else ():
+        with contextlib.suppress(ValueError):
+            values.append(json.loads(line))
+    return values

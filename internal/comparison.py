@@ -26,6 +26,7 @@ from internal.errors import UserError
 from internal.image import from_uint16
 from internal.made_folder import Facts, make_folder
 from internal.methods import Method
+from internal.pairing import flat_png
 from internal.scored_run import train_and_score
 
 RECORD = "comparison.json"
@@ -233,7 +234,7 @@ def _score_photos(out: Path, job: Job, bindings: Sequence[str]) -> None:
                 truth = from_uint16(scene.truth[index])
                 views[name] = evaluation.score_pictures(shown, truth)
                 shown["truth"] = truth
-            _write_pictures(partial, evaluation.picture_name(name), shown)
+            _write_pictures(partial, flat_png(name), shown)
         mean = evaluation.mean_scores(views) if views else {}
         result = {"views": views, "mean": mean}
         run_folder.write_text(

@@ -8,7 +8,7 @@ truth; one baseline, ``unchanged``, is the dark rendering itself. Pictures are
 """
 
 import json
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -64,12 +64,6 @@ def score_view(
     if isinstance(rendering, LitRendering):
         scores["enhanced"] = metrics.score(rendering.enhanced, truth)
     return scores | score_pictures(baseline_pictures, truth)
-
-
-def picture_name(view: str) -> str:
-    """The file name of a view's pictures: its own, with its folders before it."""
-    parts = PurePosixPath(view).with_suffix("").parts
-    return "_".join(part for part in parts if part.strip("/.")) + ".png"
 
 
 def score_pictures(

@@ -113,6 +113,13 @@ def pair_by_name(
     )
 
 
+def flat_png(name: str) -> str:
+    """The file name of a PNG of that picture where there are no folders: "1.JPG" is
+    "1.png", "left/1.JPG" is "left_1.png"."""
+    parts = PurePosixPath(name).with_suffix("").parts
+    return "_".join(part for part in parts if part.strip("/.")) + ".png"
+
+
 def _pair_by_key(
     names: Sequence[str], candidates: Sequence[str], key: Callable[[str], str]
 ) -> list[str]:

@@ -6,7 +6,6 @@ command, ``metrics.jsonl`` one JSON object per log line with the seconds of trai
 up to it, ``tensorboard/`` the same for TensorBoard, with pictures.
 """
 
-import contextlib
 import json
 import shlex
 import sys
@@ -114,13 +113,8 @@ def training_seconds(folder: Path) -> float:
 
 
 def read_log(folder: Path) -> list[dict[str, Any]]:
-    """The lines of a run's ``LOG``; one that a full disk cut short is left out."""
-    path = folder / LOG
-    rows = []
-    for line in path.read_text().splitlines() if path.is_file() else ():
-        with contextlib.suppress(ValueError):
-            rows.append(json.loads(line))
-    return rows
+    """The lines of a run's ``LOG``, as far as they are whole."""
+    return atomic.whole_lines(folder / LOG)
 
 
 class RunLog:
@@ -133,10 +127,9 @@ class RunLog:
         self._unread = tempfile.TemporaryDirectory()
         if not parallel.is_writer():
             folder = Path(self._unread.name)
-        self._path = folder / LOG
         _drop_after(folder, start_step)
         self._began = time.monotonic() - training_seconds(folder)
-        self._file = self._path.open("a")
+        self._file = (folder / LOG).open("a")
         self._board = SummaryWriter(
             str(folder / "tensorboard"), purge_step=start_step + 1
         )
@@ -145,7 +138,7 @@ class RunLog:
         """One line of numbers for ``step``."""
         seconds = round(time.monotonic() - self._began, 2)
         line = {"step": step, "seconds": seconds, **values}
-        with atomic.naming(self._path):
+        with atomic.naming(Path(self._file.name)):
             self._file.write(json.dumps(line) + "\n")
             self._file.flush()
         for name, value in values.items():

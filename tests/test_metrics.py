@@ -45,11 +45,6 @@ def test_a_dark_view_is_scored_under_its_photos_gain():
     assert wrong < 40.0 < 90.0 < right
 
 
-def test_pictures_of_views_in_different_folders_have_different_names():
-    names = [evaluation.picture_name(n) for n in ("1.jpg", "a/1.jpg", "/b/1.jpg")]
-    assert names == ["1.png", "a_1.png", "b_1.png"]
-
-
 def test_psnr_by_hand():
     # 51 / 255 = 0.2, mse = 0.04, -10 log10(0.04) = 13.979
     black, grey = np.zeros((4, 5, 3), np.float32), np.full((4, 5, 3), 0.2, np.float32)

@@ -150,3 +150,8 @@ def test_dark_twin_of_a_bright_listing(tmp_path):
     other = tmp_path / "train" / "1.JPG"
     assert pairing.dark_twin(other) == other
     assert pairing.dark_twin(Path("1.JPG")) == Path("1.JPG")  # a scene in "."
+
+
+def test_pictures_of_views_in_different_folders_have_different_names():
+    names = [pairing.flat_png(n) for n in ("1.jpg", "a/1.jpg", "/b/1.jpg")]
+    assert names == ["1.png", "a_1.png", "b_1.png"]

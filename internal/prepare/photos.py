@@ -4,7 +4,6 @@
 Sizes are upright (width, height) in pixels. A name is a path relative to the folder.
 """
 
-import contextlib
 import dataclasses
 import hashlib
 import json
@@ -15,7 +14,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from jaxtyping import Float
 
-from internal import image, image_io, progress, raw
+from internal import atomic, image, image_io, progress, raw
 from internal.errors import UserError
 from internal.prepare.statistics import PhotoStatistics, measure
 
@@ -24,6 +23,12 @@ FILM_DIAGONAL = math.hypot(36.0, 24.0)  # mm
 # Light, not sRGB: developed to an 8-bit PNG like RAW.
 LINEAR_EXTENSIONS = frozenset([".exr", ".hdr"])
 DEVELOPED_EXTENSIONS = image_io.RAW_EXTENSIONS | LINEAR_EXTENSIONS
+
+
+def scene_name(name: PurePosixPath) -> str:
+    """The name of a picture in a scene: RAW and EXR become PNG files."""
+    developed = name.suffix.lower() in DEVELOPED_EXTENSIONS
+    return (name.with_suffix(".png") if developed else name).as_posix()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,10 +45,8 @@ class Photo:
 
     @property
     def scene_name(self) -> str:
-        """Its name in a scene: RAW and EXR photos become PNG files."""
-        name = PurePosixPath(self.name)
-        developed = name.suffix.lower() in DEVELOPED_EXTENSIONS
-        return (name.with_suffix(".png") if developed else name).as_posix()
+        """Its name in a scene."""
+        return scene_name(PurePosixPath(self.name))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -183,16 +186,12 @@ def _note(notes: Path, name: str, result: Photo | str) -> None:
 def _read_notes(notes: Path, folder: Path) -> dict[str, Photo | str]:
     """What ``_note`` wrote; a last line that was cut short does not count."""
     known: dict[str, Photo | str] = {}
-    for line in notes.read_text().splitlines() if notes.is_file() else ():
-        with contextlib.suppress(ValueError):
-            name, entry = json.loads(line)
-            if isinstance(entry, dict):
-                histogram = tuple(entry["statistics"].pop("histogram"))
-                measured = PhotoStatistics(
-                    **entry.pop("statistics"), histogram=histogram
-                )
-                entry = Photo(folder / name, **entry, statistics=measured)
-            known[name] = entry
+    for name, entry in atomic.whole_lines(notes):
+        if isinstance(entry, dict):
+            histogram = tuple(entry["statistics"].pop("histogram"))
+            measured = PhotoStatistics(**entry.pop("statistics"), histogram=histogram)
+            entry = Photo(folder / name, **entry, statistics=measured)
+        known[name] = entry
     return known
 
 

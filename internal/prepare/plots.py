@@ -54,9 +54,10 @@ def plot_histogram(counts: Int[np.ndarray, " levels"], path: Path) -> None:
     figure = _figure(8.0, 3.6)
     axes = _axes(figure, 0, "brightness of all photos")
     shares = counts / max(1, counts.sum())
-    last = min(int(np.searchsorted(np.cumsum(shares), 0.999)) + 2, len(shares))
+    bright = int(np.searchsorted(np.cumsum(shares), 0.999))
+    last = min(bright + 2, len(shares))
     axes.bar(np.arange(last), 100.0 * shares[:last], width=1.0, color=ACCENT)
-    axes.set_xlabel(f"level of 255 (0.1 % of pixels are brighter than {last - 2})")
+    axes.set_xlabel(f"level of 255 (0.1 % of pixels are brighter than {bright})")
     axes.set_ylabel("% of pixels")
     _save(figure, path)
 

@@ -14,7 +14,12 @@ from internal.cameras import Lens
 from internal.colmap import Reconstruction
 from internal.errors import UserError
 from internal.pairing import pair_by_name
-from internal.prepare.photos import DEVELOPED_EXTENSIONS, Photo, read_photo
+from internal.prepare.photos import (
+    DEVELOPED_EXTENSIONS,
+    Photo,
+    read_photo,
+    scene_name,
+)
 from internal.scene_loading import ASPECT_TOLERANCE
 
 PICTURES = "images"
@@ -42,13 +47,7 @@ def place_photo(photo: Photo, scene: Path) -> None:
     Raises:
         UserError: the folder cannot be written or the disk is full.
     """
-    target = scene / PICTURES / photo.scene_name
-    target.parent.mkdir(parents=True, exist_ok=True)
-    if photo.path.suffix.lower() in DEVELOPED_EXTENSIONS:
-        image_io.write(target, read_photo(photo.path))
-        return
-    with atomic.writing(target) as partial:
-        shutil.copyfile(photo.path, partial)
+    _copy_or_develop(photo.path, scene / PICTURES / photo.scene_name)
 
 
 def pair_truth(photos: Sequence[Photo], folder: Path) -> tuple[tuple[Path, ...], str]:
@@ -70,15 +69,17 @@ def pair_truth(photos: Sequence[Photo], folder: Path) -> tuple[tuple[Path, ...],
 
 def place_truth(photo: Photo, truth: Path, scene: Path) -> None:
     """Copies or develops a normal-light picture under the name of its dark photo."""
-    developed = truth.suffix.lower() in DEVELOPED_EXTENSIONS
-    ending = ".png" if developed else truth.suffix
-    target = scene / TRUTH / PurePosixPath(photo.scene_name).with_suffix(ending)
+    name = scene_name(PurePosixPath(photo.name).with_suffix(truth.suffix))
+    _copy_or_develop(truth, scene / TRUTH / name)
+
+
+def _copy_or_develop(source: Path, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
-    if developed:
-        image_io.write(target, read_photo(truth))
+    if source.suffix.lower() in DEVELOPED_EXTENSIONS:
+        image_io.write(target, read_photo(source))
         return
     with atomic.writing(target) as partial:
-        shutil.copyfile(truth, partial)
+        shutil.copyfile(source, partial)
 
 
 def write_transforms(model: Reconstruction, scene: Path) -> None:

@@ -11,11 +11,11 @@ import json
 import random
 import urllib.parse
 from collections.abc import Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from internal import image_io
 from internal.errors import UserError
-from internal.pairing import list_pictures, pair_by_name
+from internal.pairing import flat_png, list_pictures, pair_by_name
 
 TEMPLATE = Path(__file__).parents[1] / "assets" / "study.html"
 
@@ -86,8 +86,7 @@ def _copy(folder: Path, index: int, views: Sequence[str], method: Method) -> lis
     paths, _ = pair_by_name(views, method.folder)
     urls = []
     for view, path in zip(views, paths, strict=True):
-        stem = PurePosixPath(view).with_suffix("").as_posix().replace("/", "_")
-        copied = folder / "pictures" / str(index) / f"{stem}.png"
+        copied = folder / "pictures" / str(index) / flat_png(view)
         copied.parent.mkdir(parents=True, exist_ok=True)
         image_io.write(copied, image_io.read_srgb(path))
         urls.append(urllib.parse.quote(copied.relative_to(folder).as_posix()))
