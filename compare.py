@@ -18,15 +18,10 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from internal import (
-    cli,
-    comparison,
-    comparison_figures,
-    comparison_page,
-    comparison_report,
-)
-from internal.comparison import Job
-from internal.methods import methods_for, read_methods
+from internal import cli
+from internal.comparison import figures, jobs, page, tables
+from internal.comparison.jobs import Job
+from internal.comparison.methods import methods_for, read_methods
 
 LISTS = Path(__file__).parent / "configs" / "methods"
 
@@ -36,21 +31,21 @@ def main(argv: Sequence[str]) -> int:
     flags = _parser().parse_args(argv)
     methods = read_methods(flags.methods)
     chosen = {scene: methods_for(methods, scene) for scene in flags.scenes}
-    comparison.open_comparison(flags.out, flags.scenes, flags.gin_bindings)
+    jobs.open_comparison(flags.out, flags.scenes, flags.gin_bindings)
 
-    jobs = list(map(comparison.dark_photos, chosen))
+    todo = list(map(jobs.dark_photos, chosen))
     for scene, listed in chosen.items():
-        jobs += [comparison.job_of(scene, method) for method in listed]
+        todo += [jobs.job_of(scene, method) for method in listed]
     # Trainings come last: the rest of the table is there within minutes.
-    jobs = sorted(dict.fromkeys(jobs), key=lambda job: bool(job.train))
+    todo = sorted(dict.fromkeys(todo), key=lambda job: bool(job.train))
     seconds: dict[bool, list[float]] = {}  # of each work done now, by if it trained
     failed: list[str] = []
-    for index, job in enumerate(jobs):
-        rest = [x for x in jobs[index:] if not comparison.is_scored(flags.out, x)]
+    for index, job in enumerate(todo):
+        rest = [x for x in todo[index:] if not jobs.is_scored(flags.out, x)]
         left = time_left(seconds, rest)
-        print(f"== {index + 1} of {len(jobs)}, {left}: {job}", flush=True)
+        print(f"== {index + 1} of {len(todo)}, {left}: {job}", flush=True)
         began = time.monotonic()
-        code = comparison.do(flags.out, job, flags.gin_bindings)
+        code = jobs.do(flags.out, job, flags.gin_bindings)
         if code == cli.FAILURE_EXIT:
             failed.append(str(job))
         elif code:
@@ -58,19 +53,19 @@ def main(argv: Sequence[str]) -> int:
             return code
         elif job in rest:
             seconds.setdefault(bool(job.train), []).append(time.monotonic() - began)
-        found = comparison.read_results(flags.out, chosen)
-        comparison_report.write_tables(flags.out, found)
+        found = jobs.read_results(flags.out, chosen)
+        tables.write_tables(flags.out, found)
 
-    results = comparison.read_results(flags.out, chosen)
-    figures = [
+    results = jobs.read_results(flags.out, chosen)
+    drawn = [
         path
         for scene in chosen
-        for path in comparison_figures.write_figures(
-            flags.out, scene, results[comparison.scene_name(scene)]
+        for path in figures.write_figures(
+            flags.out, scene, results[jobs.scene_name(scene)]
         )
     ]
-    print(comparison_report.write_tables(flags.out, results))
-    print(comparison_page.write_page(flags.out, results, figures))
+    print(tables.write_tables(flags.out, results))
+    print(page.write_page(flags.out, results, drawn))
     if failed:
         print(f"error: no rows of: {'; '.join(failed)}", file=sys.stderr)
     return cli.FAILURE_EXIT if failed else 0

@@ -10,8 +10,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from internal import cli, contact_sheet, evaluation, image_io
-from internal.baselines import gain_to_mean
+from internal import cli
+from internal.files import image_io
+from internal.pages import contact_sheet
+from internal.scoring import evaluation
+from internal.scoring.baselines import gain_to_mean
 
 SCENE = Path("scenes/night")
 RUN = Path("outputs/demo")

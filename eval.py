@@ -17,21 +17,16 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from internal import (
-    cli,
-    evaluation,
-    image_io,
-    pages,
-    parallel,
-    progress,
-    report,
-    run_folder,
-)
-from internal.checkpoints import load_trained
-from internal.image import from_uint16
-from internal.pairing import flat_png
-from internal.pictures import EXPLANATIONS, display_for, pictures
-from internal.renderer import Renderer
+from internal import cli, parallel, progress
+from internal.color import from_uint16
+from internal.files import image_io
+from internal.pages import pages, report
+from internal.rendering.pictures import EXPLANATIONS, display_for, pictures
+from internal.rendering.renderer import Renderer
+from internal.scene.pairing import flat_png
+from internal.scoring import evaluation
+from internal.training import run_folder
+from internal.training.checkpoints import load_trained
 
 
 def main(argv: Sequence[str]) -> int:

@@ -18,13 +18,15 @@ from pathlib import Path
 
 import jax
 
-from internal import cli, made_folder, pages, parallel
-from internal.checkpoints import load_trained
+from internal import cli, parallel
 from internal.export import folder as export_folder
 from internal.export import shapes
 from internal.export.density import make_density
-from internal.looks import configured_look
-from internal.renderer import Renderer
+from internal.files import made_folder
+from internal.pages import pages
+from internal.rendering.looks import configured_look
+from internal.rendering.renderer import Renderer
+from internal.training.checkpoints import load_trained
 
 
 def main(argv: Sequence[str]) -> int:

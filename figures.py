@@ -13,16 +13,17 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from internal import cli, comparison, comparison_figures, comparison_report
+from internal import cli
+from internal.comparison import figures, jobs, tables
 from internal.errors import UserError
-from internal.figure import FRAME_COLORS, Crop
+from internal.pages.figure import FRAME_COLORS, Crop
 
 
 def main(argv: Sequence[str]) -> int:
     """Writes the figures of one scene, or of all."""
     flags = _parser().parse_args(argv)
-    scenes = comparison.scenes_of(flags.out)
-    results = comparison_report.read_results(flags.out)
+    scenes = jobs.scenes_of(flags.out)
+    results = tables.read_results(flags.out)
     if len(flags.crop) > len(FRAME_COLORS):
         raise UserError(
             f"--crop: {len(flags.crop)} of them; at most {len(FRAME_COLORS)}"
@@ -39,7 +40,7 @@ def main(argv: Sequence[str]) -> int:
                 f"{flags.out}: {scene} has no row {unknown[0]!r}; it has "
                 f"{', '.join(rows)}"
             )
-        paths = comparison_figures.write_figures(
+        paths = figures.write_figures(
             flags.out,
             scenes[scene],
             {name: rows[name] for name in flags.methods or rows},

@@ -9,10 +9,10 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from internal.capture import CaptureModel
 from internal.cli import run_script
-from internal.darken import darken
-from internal.night_scene import write_scene
+from internal.night.capture import CaptureModel
+from internal.night.darken import darken
+from internal.night.dataset import write_scene
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -16,12 +16,12 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from internal import pose_comparison
 from internal.cli import run_script
 from internal.errors import UserError
 from internal.prepare import report
 from internal.prepare.checking import check_scene
 from internal.prepare.pipeline import Inputs, prepare
+from internal.scene import pose_comparison
 
 NOT_FIT = 1
 

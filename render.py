@@ -22,22 +22,16 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from internal import (
-    cli,
-    image,
-    image_io,
-    pages,
-    parallel,
-    progress,
-    run_folder,
-    video,
-)
+from internal import cli, color, parallel, progress
 from internal.cameras import Cameras
-from internal.checkpoints import load_trained
-from internal.looks import configured_look
-from internal.pictures import EXPLANATIONS, display_for, outputs_of, pictures
-from internal.renderer import Renderer
-from internal.trajectory import path_cameras
+from internal.files import image_io, video
+from internal.pages import pages
+from internal.rendering.looks import configured_look
+from internal.rendering.pictures import EXPLANATIONS, display_for, outputs_of, pictures
+from internal.rendering.renderer import Renderer
+from internal.rendering.trajectory import path_cameras
+from internal.training import run_folder
+from internal.training.checkpoints import load_trained
 
 # The result comes first; the others explain it.
 OUTPUTS = ("enhanced", "dark", "v", "r", "depth")
@@ -78,7 +72,7 @@ def main(argv: Sequence[str]) -> int:
         return 0
     for output in outputs:
         pngs = (folder / output / f"{frame:04d}.png" for frame in frames)
-        stills = (image.to_uint8(image_io.read_srgb(png)) for png in pngs)
+        stills = (color.to_uint8(image_io.read_srgb(png)) for png in pngs)
         video.write_video(stills, folder / f"{output}.mp4", render.fps)
         print(folder / f"{output}.mp4")
     media = tuple((f"{output}.mp4", EXPLANATIONS[output]) for output in outputs)

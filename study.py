@@ -16,10 +16,13 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from internal import charts, evaluation, made_folder, pages, run_folder
 from internal.cli import run_script
+from internal.files import made_folder
+from internal.pages import charts, pages
+from internal.scoring import evaluation
 from internal.study.answers import Preference, preferences, read_answers
 from internal.study.page import parse_method, write_study
+from internal.training import run_folder
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -15,20 +15,15 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from internal import (
-    cli,
-    configs,
-    contact_sheet,
-    evaluation,
-    image_io,
-    pages,
-    report,
-    run_folder,
-)
+from internal import cli, configs
+from internal.comparison.scored_run import train_and_score
 from internal.errors import UserError
-from internal.pages import Table
-from internal.scored_run import train_and_score
-from internal.tables import write_csv
+from internal.files import image_io
+from internal.pages import contact_sheet, pages, report
+from internal.pages.pages import Table
+from internal.pages.tables import write_csv
+from internal.scoring import evaluation
+from internal.training import run_folder
 
 PICTURES = ("input", "enhanced", "v", "r", "truth")
 

@@ -18,12 +18,14 @@ from collections.abc import Sequence
 
 import jax
 
-from internal import budget, cli, noise, parallel, progress
-from internal.checkpoints import Checkpoints
+from internal import cli, parallel, progress
 from internal.models import Model
-from internal.preview import Preview
-from internal.run_folder import RunLog, open_run
-from internal.training import check_finite, compiled_step, initial_state, summarize
+from internal.scene import noise
+from internal.training import budget
+from internal.training.checkpoints import Checkpoints
+from internal.training.preview import Preview
+from internal.training.run_folder import RunLog, open_run
+from internal.training.step import check_finite, compiled_step, initial_state, summarize
 
 
 def main(argv: Sequence[str]) -> int:

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import workload
-from internal import image_io, readers
-from internal.image import linear_to_srgb, srgb_to_linear
+from internal.color import linear_to_srgb, srgb_to_linear
+from internal.files import image_io
+from internal.scene import readers
 
 LIGHTS = (1.0, 0.5, 0.25)
 

@@ -15,13 +15,15 @@ import numpy as np
 from jaxtyping import Float
 
 from benchmarks import workload
-from internal import image, image_io, readers
-from internal.capture import CaptureModel, capture, view_key
-from internal.pose_comparison import compare
+from internal import color
+from internal.files import image_io
+from internal.night.capture import CaptureModel, capture, view_key
 from internal.prepare import attempts, mapping
 from internal.prepare.brighten import copy_size
 from internal.prepare.matching import Copy
-from internal.readers.base import SceneFiles
+from internal.scene import readers
+from internal.scene.pose_comparison import compare
+from internal.scene.readers.base import SceneFiles
 
 HEADERS = ("frames", "copies", "placed", "rotation, degrees", "centre, %")
 
@@ -69,10 +71,10 @@ def burst_mean(
     path: Path, model: CaptureModel, view: int, frames: int
 ) -> Float[np.ndarray, "_height _width 3"]:
     """sRGB of the mean light of captures of one picture."""
-    light = image.srgb_to_linear(image_io.read_srgb(path))
+    light = color.srgb_to_linear(image_io.read_srgb(path))
     keys = jax.random.split(view_key(model, view), frames)
-    captured = [image.srgb_to_linear(capture(light, model, k) / 255.0) for k in keys]
-    return np.asarray(image.linear_to_srgb(np.mean(captured, axis=0)))
+    captured = [color.srgb_to_linear(capture(light, model, k) / 255.0) for k in keys]
+    return np.asarray(color.linear_to_srgb(np.mean(captured, axis=0)))
 
 
 if __name__ == "__main__":

@@ -15,11 +15,12 @@ import numpy as np
 
 from benchmarks import workload
 from benchmarks.tone import Variant, light, meter
-from internal import image_io, metrics
-from internal.baselines import gain_to_mean
-from internal.capture import CaptureModel, capture, view_key
-from internal.image import linear_to_srgb, photo_to_linear
-from internal.pictures import Picture
+from internal.color import linear_to_srgb, photo_to_linear
+from internal.files import image_io
+from internal.night.capture import CaptureModel, capture, view_key
+from internal.rendering.pictures import Picture
+from internal.scoring import metrics
+from internal.scoring.baselines import gain_to_mean
 
 SHRINK = 4  # times smaller on each side: noise is that of 16 photos
 PHOTOS = 6  # of a scene

@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Float
 
 from benchmarks import workload
-from internal import image, image_io, progress
+from internal import color, progress
+from internal.files import image_io
 
 PICTURES = 25  # different ones; beyond, each is used again
 WIDTH, HEIGHT, FOCAL = 4000, 3000, 3800.0
@@ -70,7 +71,7 @@ def write_photos(folder: Path, photos: int) -> None:
         centre = np.array([3.8 * np.cos(turn), height, 3.8 * np.sin(turn)])
         light = _render(walls, centre)
         noisy = light + rng.normal(0.0, NOISE, light.shape)
-        srgb = np.asarray(image.linear_to_srgb(np.clip(noisy, 0.0, 1.0)))
+        srgb = np.asarray(color.linear_to_srgb(np.clip(noisy, 0.0, 1.0)))
         large = srgb.repeat(BLOCK, axis=0).repeat(BLOCK, axis=1)
         path = folder / f"{view:03}.jpg"
         image_io.write(path, large[..., None] * TINT)

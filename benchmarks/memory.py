@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import workload
-from internal import image_io
+from internal.files import image_io
 
 SIZE = (480, 640)  # height, width of a generated photo
 LIMIT = 0.02  # GB of pictures that may lie in memory

@@ -11,7 +11,7 @@ import shutil
 from pathlib import Path
 
 from benchmarks import workload
-from internal import readers
+from internal.scene import readers
 
 SHORT = (
     "Config.factor = 2",

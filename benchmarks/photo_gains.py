@@ -14,11 +14,13 @@ import numpy as np
 from jaxtyping import Float
 
 from benchmarks import workload
-from internal import image, image_io, readers
+from internal import color
+from internal.files import image_io
 from internal.prepare.pipeline import Inputs, prepare
 from internal.prepare.scene_files import HOLDOUT
-from internal.readers.base import SceneFiles
-from internal.scene_loading import GAINS_FILE, find_truth, load_gains
+from internal.scene import readers
+from internal.scene.loading import GAINS_FILE, find_truth, load_gains
+from internal.scene.readers.base import SceneFiles
 
 SHORT = (
     "Config.factor = 4",
@@ -71,8 +73,8 @@ def write_photos(
     """Writes each photo with so much more light, as 8-bit PNG."""
     folder.mkdir(parents=True)
     for path, more in zip(files.image_paths, stops.tolist(), strict=True):
-        linear = np.asarray(image.srgb_to_linear(image_io.read_srgb(path)))
-        srgb = image.quantize(image.linear_to_srgb(linear * 2.0**more))
+        linear = np.asarray(color.srgb_to_linear(image_io.read_srgb(path)))
+        srgb = color.quantize(color.linear_to_srgb(linear * 2.0**more))
         image_io.write(folder / f"{path.stem}.png", srgb)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pycolmap
 
-from internal.pose_comparison import compare_scenes
+from internal.scene.pose_comparison import compare_scenes
 
 
 def main() -> None:

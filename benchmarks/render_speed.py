@@ -21,9 +21,9 @@ import jax
 from benchmarks import workload
 from internal import configs, parallel
 from internal.models import LitRendering, Model, Rendering
-from internal.renderer import Renderer
-from internal.scene import load_scene
-from internal.training import initial_state
+from internal.rendering.renderer import Renderer
+from internal.scene.scene import load_scene
+from internal.training.step import initial_state
 
 REPEATS = 7
 

@@ -20,13 +20,14 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 
 from benchmarks import workload
-from internal import cli, losses, metrics, parallel, progress
-from internal.baselines import gain_to_mean
-from internal.checkpoints import load_trained
+from internal import cli, losses, parallel, progress
+from internal.color import from_uint16, linear_to_srgb, srgb_to_linear
 from internal.configs import Config
-from internal.image import from_uint16, linear_to_srgb, srgb_to_linear
-from internal.renderer import Renderer
-from internal.tone import MOST_SATURATION, response, saturate
+from internal.enhancements.tone import MOST_SATURATION, response, saturate
+from internal.rendering.renderer import Renderer
+from internal.scoring import metrics
+from internal.scoring.baselines import gain_to_mean
+from internal.training.checkpoints import load_trained
 
 VIEWS = 12  # of the training split, that are metered
 STRIDE = 3  # pixels between metered ones

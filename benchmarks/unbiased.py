@@ -22,13 +22,16 @@ from jaxtyping import Float
 from skimage.metrics import structural_similarity
 
 from benchmarks import workload
-from internal import baselines, cli, night_scene, parallel, scored_run
-from internal.capture import CaptureModel, capture, view_key
-from internal.checkpoints import load_trained
-from internal.image import from_uint16, linear_to_srgb, srgb_to_linear
-from internal.noise import NODES, estimate_noise, expectation
-from internal.renderer import Renderer
-from internal.scene import Scene
+from internal import cli, parallel
+from internal.color import from_uint16, linear_to_srgb, srgb_to_linear
+from internal.comparison import scored_run
+from internal.night import dataset
+from internal.night.capture import CaptureModel, capture, view_key
+from internal.rendering.renderer import Renderer
+from internal.scene.noise import NODES, estimate_noise, expectation
+from internal.scene.scene import Scene
+from internal.scoring import baselines
+from internal.training.checkpoints import load_trained
 
 TERMS = {"paper": "ideal", "unbiased": "noisy"}  # Losses.observation
 DARKEST = 0.2  # part of the pixels
@@ -80,9 +83,7 @@ def night_table(flags: argparse.Namespace) -> str:
         pictures = {("perfect", x): y for x, y in perfect(camera).items()}
         folder = flags.out / f"night_{name}"
         for term in TERMS if flags.steps else ():
-            night_scene.write_scene(
-                folder, camera, views=VIEWS, width=WIDTH, height=HEIGHT
-            )
+            dataset.write_scene(folder, camera, views=VIEWS, width=WIDTH, height=HEIGHT)
             run = flags.out / f"night_{name}_{term}"
             pictures["learned", term] = learned(folder, run, term, 1, flags.steps)[1]
         for (geometry, term), dark in pictures.items():
@@ -114,8 +115,8 @@ def perfect(camera: CaptureModel) -> dict[str, Pictures]:
 @functools.cache
 def test_light() -> Pictures:
     """Linear light of the night scene's test views."""
-    poses = night_scene.make_cameras(VIEWS)[:: night_scene.HOLDOUT]
-    return night_scene.render_views(poses, WIDTH, HEIGHT)
+    poses = dataset.make_cameras(VIEWS)[:: dataset.HOLDOUT]
+    return dataset.render_views(poses, WIDTH, HEIGHT)
 
 
 def night_cells(dark: Pictures, light: Pictures, exposure: float) -> list[str]:

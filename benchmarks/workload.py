@@ -15,12 +15,14 @@ from typing import Any
 
 import jax
 
-from internal import cli, configs, evaluation, parallel, sampler
+from internal import cli, configs, parallel
+from internal.comparison.scored_run import train_and_score
 from internal.configs import Config
 from internal.models import Model
-from internal.pages import Table
-from internal.scored_run import train_and_score
-from internal.training import TrainState, initial_state, make_train_step
+from internal.pages.pages import Table
+from internal.scoring import evaluation
+from internal.training import sampler
+from internal.training.step import TrainState, initial_state, make_train_step
 
 FAST = "configs/llnerf_fast.gin"
 FAITHFUL = "configs/llnerf.gin"

@@ -12,7 +12,7 @@ from types import FrameType
 from internal import configs, parallel
 from internal.configs import Config
 from internal.errors import Diverged, UserError
-from internal.scene import Scene, load_scene
+from internal.scene.scene import Scene, load_scene
 
 USER_ERROR_EXIT = 2
 FAILURE_EXIT = 1  # what nobody can fix beforehand, such as a loss that diverges

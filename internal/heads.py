@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from internal import mip
 from internal.configs import ModelConfig
-from internal.enhance import Coefficients
+from internal.enhancements.gamma import Coefficients
 from internal.fields.base import Dense
 
 DENSITY_BIAS = -1.0

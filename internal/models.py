@@ -18,8 +18,9 @@ from internal import mip, stepfun
 from internal.cameras import Rays
 from internal.configs import ModelConfig
 from internal.coord import ForwardFacing, Space
-from internal.editing import LightEdit
-from internal.enhance import Coefficients, phi
+from internal.enhancements.editing import LightEdit
+from internal.enhancements.gamma import Coefficients, phi
+from internal.enhancements.tone import Meter, develop
 from internal.heads import (
     DENSITY_BIAS,
     Colored,
@@ -28,8 +29,7 @@ from internal.heads import (
     Phi,
     PlainField,
 )
-from internal.rendering import composite, compute_weights
-from internal.tone import Meter, develop
+from internal.volume import composite, compute_weights
 
 
 @struct.dataclass

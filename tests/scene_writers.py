@@ -13,8 +13,8 @@ import numpy as np
 import pycolmap
 from scipy.spatial.transform import Rotation
 
-from internal import image_io
 from internal.cameras import Lens
+from internal.files import image_io
 
 LENS = Lens("PINHOLE", 24, 18, (20.0, 20.0, 12.0, 9.0))
 OPENCV_AXES = np.diag([1.0, -1.0, -1.0])

@@ -18,9 +18,10 @@ import export as export_script
 import render as render_script
 import train as train_script
 import view as view_script
-from internal import cli, run_folder
+from internal import cli
 from internal.configs import load_config
 from internal.errors import Diverged, UserError
+from internal.training import run_folder
 from tests.conftest import flags
 
 ROOT = Path(__file__).parents[1]

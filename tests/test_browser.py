@@ -17,11 +17,13 @@ import pytest
 import eval as eval_script
 import render as render_script
 import study as study_script
-from internal import image_io, parallel, paths
-from internal.checkpoints import Checkpoints, load_trained
+from internal import parallel
+from internal.color import from_uint16
 from internal.configs import load_config
-from internal.image import from_uint16
+from internal.files import image_io
+from internal.rendering import paths
 from internal.study.answers import preferences, read_answers
+from internal.training.checkpoints import Checkpoints, load_trained
 from tests.browser import chromium, until
 from tests.conftest import bindings, flags
 from tests.scene_writers import write_pictures

@@ -3,11 +3,11 @@
 
 import pytest
 
-from internal import budget
-from internal.budget import StepTimes
 from internal.configs import load_config
 from internal.errors import UserError
-from internal.run_folder import open_run
+from internal.training import budget
+from internal.training.budget import StepTimes
+from internal.training.run_folder import open_run
 from tests.conftest import TINY_MODEL
 
 TIMES = StepTimes(field=0.1, enhanced=0.3, compilation=5.0)

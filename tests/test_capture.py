@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from internal import image
-from internal.capture import (
+from internal import color
+from internal.errors import UserError
+from internal.night.capture import (
     NORMAL_LIGHT,
     CaptureModel,
     capture,
@@ -22,7 +23,6 @@ from internal.capture import (
     sense,
     view_key,
 )
-from internal.errors import UserError
 
 KEY = jax.random.key(3)
 RAMP = np.linspace(0, 1, 3 * 256, dtype=np.float32).reshape(16, 16, 3)
@@ -35,7 +35,7 @@ def standard_error(samples: np.ndarray) -> np.ndarray:
 
 
 def test_a_noise_free_capture_in_normal_light_is_the_rounded_srgb_picture():
-    expected = np.round(255 * np.asarray(image.linear_to_srgb(RAMP))).astype(np.uint8)
+    expected = np.round(255 * np.asarray(color.linear_to_srgb(RAMP))).astype(np.uint8)
     np.testing.assert_array_equal(capture(RAMP, NORMAL_LIGHT, KEY), expected)
 
 

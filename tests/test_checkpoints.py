@@ -6,10 +6,10 @@ import jax
 import pytest
 
 from internal import parallel
-from internal.checkpoints import Checkpoints
 from internal.errors import UserError
 from internal.models import Model
-from internal.training import initial_state
+from internal.training.checkpoints import Checkpoints
+from internal.training.step import initial_state
 
 
 @pytest.fixture(scope="module")

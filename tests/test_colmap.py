@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pycolmap
 import pytest
-from scene_writers import facing_world, write_model
 
-from internal import colmap
 from internal.cameras import Lens
 from internal.errors import UserError
+from internal.scene import colmap
+from tests.scene_writers import facing_world, write_model
 
 W, H = 32, 24
 ONE, TWO = (30.0, 15.5, 12.5), (30.0, 31.0, 15.5, 12.5)

@@ -10,9 +10,11 @@ import pytest
 
 import compare as compare_script
 import figures as figures_script
-from internal import comparison, enhancers, image_io, lime, run_folder, scored_run
-from internal.comparison import Job
+from internal.comparison import enhancers, jobs, lime, scored_run
+from internal.comparison.jobs import Job
 from internal.errors import UserError
+from internal.files import image_io
+from internal.training import run_folder
 from tests.scene_writers import facing_world, write_blender, write_llff
 
 WORLD = facing_world()
@@ -55,7 +57,7 @@ def trainings(monkeypatch):
         (run / run_folder.LOG).write_text("\n".join(map(json.dumps, steps)))
         return 0
 
-    monkeypatch.setattr(comparison, "train_and_score", train_and_score)
+    monkeypatch.setattr(jobs, "train_and_score", train_and_score)
     return started
 
 
@@ -131,7 +133,7 @@ def test_a_second_run_does_only_what_is_new(scene, trainings, capsys):
 def test_a_stopped_training_stops_all_and_keeps_the_rows_before(
     scene, trainings, monkeypatch
 ):
-    monkeypatch.setattr(comparison, "train_and_score", lambda *_: 130)
+    monkeypatch.setattr(jobs, "train_and_score", lambda *_: 130)
     assert compare("scene") == 130
     rows = json.loads(Path("out/results.json").read_text())["scene"]
     assert list(rows) == ["dark photo", "x gain", "LIME", "mine"]
@@ -141,12 +143,12 @@ def test_a_stopped_training_stops_all_and_keeps_the_rows_before(
 def test_a_training_that_fails_costs_only_its_rows(
     scene, trainings, monkeypatch, capsys
 ):
-    works = comparison.train_and_score
+    works = jobs.train_and_score
 
     def fail_on_lime(run, *rest):
         return 1 if run.name == "tiny@lime" else works(run, *rest)
 
-    monkeypatch.setattr(comparison, "train_and_score", fail_on_lime)
+    monkeypatch.setattr(jobs, "train_and_score", fail_on_lime)
     assert compare("scene") == 1
     rows = json.loads(Path("out/results.json").read_text())["scene"]
     assert list(rows) == ["dark photo", "x gain", "LIME", "mine", "ours"]
@@ -163,15 +165,15 @@ def test_scenes_without_truth_have_figures_and_no_scores(scene):
 
 
 def test_other_bindings_or_another_scene_of_that_name_are_refused(scene):
-    comparison.open_comparison(Path("out"), [Path("a/s")], ["Config.factor = 2"])
-    comparison.open_comparison(Path("out"), [Path("a/t")], ["Config.factor = 2"])
-    assert set(comparison.scenes_of(Path("out"))) == {"s", "t"}
+    jobs.open_comparison(Path("out"), [Path("a/s")], ["Config.factor = 2"])
+    jobs.open_comparison(Path("out"), [Path("a/t")], ["Config.factor = 2"])
+    assert set(jobs.scenes_of(Path("out"))) == {"s", "t"}
     with pytest.raises(UserError, match="other bindings"):
-        comparison.open_comparison(Path("out"), [Path("a/s")], [])
+        jobs.open_comparison(Path("out"), [Path("a/s")], [])
     with pytest.raises(UserError, match="scene s was"):
-        comparison.open_comparison(Path("out"), [Path("b/s")], ["Config.factor = 2"])
+        jobs.open_comparison(Path("out"), [Path("b/s")], ["Config.factor = 2"])
     with pytest.raises(UserError, match="same folder name"):
-        comparison.open_comparison(Path("new"), [Path("a/s"), Path("b/s")], [])
+        jobs.open_comparison(Path("new"), [Path("a/s"), Path("b/s")], [])
     assert not Path("new").exists()
 
 

@@ -7,7 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from internal.editing import NEUTRAL, LightEdit, light_edit, temperature_gains
+from internal.enhancements.editing import (
+    NEUTRAL,
+    LightEdit,
+    light_edit,
+    temperature_gains,
+)
 from internal.errors import UserError
 
 KELVIN = st.floats(1700.0, 25000.0)

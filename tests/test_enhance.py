@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from internal.editing import NEUTRAL, light_edit
-from internal.enhance import Coefficients, enhance_v, phi
+from internal.enhancements.editing import NEUTRAL, light_edit
+from internal.enhancements.gamma import Coefficients, enhance_v, phi
 
 V = jnp.array([[0.004], [0.05], [0.7]])
 COEFFICIENTS = Coefficients(

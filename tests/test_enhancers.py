@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from internal import enhancers, lime
+from internal.comparison import enhancers, lime
 
 needs_opencv = pytest.mark.skipif(
     not enhancers.available(), reason="the extra enhance2d is not installed"

@@ -16,7 +16,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import train as train_script
-from internal import colmap
 from internal.cameras import Lens
 from internal.coord import ForwardFacing, Unbounded
 from internal.errors import UserError
@@ -26,7 +25,8 @@ from internal.export.density import from_field_space, normals, to_field_space
 from internal.export.sightings import mean_colors, surface_points
 from internal.models import Rendering
 from internal.poses import transform_points
-from internal.scene import load_scene
+from internal.scene import colmap
+from internal.scene.scene import load_scene
 from tests.conftest import flags
 from tests.scene_writers import facing_world, surrounding_world, write_blender
 

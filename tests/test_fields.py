@@ -11,11 +11,11 @@ import pytest
 from internal import grids
 from internal.cameras import cast_rays
 from internal.configs import load_config
-from internal.editing import NEUTRAL
+from internal.enhancements.editing import NEUTRAL
 from internal.fields.base import FieldConfig
 from internal.losses import data_loss
 from internal.models import Histogram, Level, Model
-from internal.training import initial_state
+from internal.training.step import initial_state
 from tests.conftest import TINY_MODEL
 from tests.test_training import make_run
 

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from internal import figure
-from internal.figure import Crop
+from internal.pages import figure
+from internal.pages.figure import Crop
 
 
 def _flat(value: float, height: int = 60, width: int = 80) -> np.ndarray:

@@ -10,8 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from internal.configs import RenderConfig, load_config
-from internal.editing import LUMINANCE_WEIGHTS, NEUTRAL, light_edit, tint_gains
-from internal.looks import Look, configured_look
+from internal.enhancements.editing import (
+    LUMINANCE_WEIGHTS,
+    NEUTRAL,
+    light_edit,
+    tint_gains,
+)
+from internal.rendering.looks import Look, configured_look
 
 
 def test_the_default_look_is_neutral_and_the_configurations_default():

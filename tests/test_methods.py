@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from internal import enhancers
+from internal.comparison import enhancers
+from internal.comparison.methods import Method, methods_for, read_methods
 from internal.errors import UserError
-from internal.methods import Method, methods_for, read_methods
 
 LISTS = Path(__file__).parents[1] / "configs" / "methods"
 

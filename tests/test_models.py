@@ -10,10 +10,10 @@ import pytest
 from internal.cameras import cast_rays
 from internal.configs import load_config
 from internal.coord import Unbounded
-from internal.editing import NEUTRAL, light_edit
+from internal.enhancements.editing import NEUTRAL, light_edit
 from internal.models import LitRendering, Model, Rendering, ray_shape
-from internal.rendering import composite
-from internal.training import initial_state
+from internal.training.step import initial_state
+from internal.volume import composite
 from tests.conftest import TINY_MODEL
 
 

@@ -15,9 +15,10 @@ import pytest
 
 import make_scene
 import train as train_script
-from internal import parallel, run_folder
-from internal.checkpoints import Checkpoints, load_trained
+from internal import parallel
 from internal.configs import load_config
+from internal.training import run_folder
+from internal.training.checkpoints import Checkpoints, load_trained
 from tests.browser import until
 from tests.conftest import TINY_MODEL
 

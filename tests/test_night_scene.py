@@ -13,25 +13,25 @@ import pytest
 import scipy.ndimage
 
 import make_scene
-from internal import (
+from internal import color
+from internal.errors import UserError
+from internal.files import image_io
+from internal.files.made_folder import make_folder
+from internal.night import (
     darken,
-    image,
-    image_io,
-    night_scene,
+    dataset,
     pinhole,
     raytrace,
     shading,
     still_life,
     textures,
 )
-from internal.capture import NORMAL_LIGHT, CaptureModel
-from internal.errors import UserError
-from internal.made_folder import make_folder
-from internal.scene import load_scene
-from internal.shading import Surface
+from internal.night.capture import NORMAL_LIGHT, CaptureModel
+from internal.night.shading import Surface
+from internal.scene.scene import load_scene
 
 SIZE: dict[str, Any] = {"width": 48, "height": 36}
-FOCAL = night_scene.focal_length(SIZE["width"])
+FOCAL = dataset.focal_length(SIZE["width"])
 # Compiled as a whole: op by op, every test would wait for dozens of compilations.
 around = jax.jit(raytrace.around)
 highlight = jax.jit(shading.highlight)
@@ -82,14 +82,14 @@ def world() -> shading.World:
 
 @pytest.fixture(scope="module")
 def poses() -> np.ndarray:
-    return night_scene.make_cameras(30)
+    return dataset.make_cameras(30)
 
 
 @pytest.fixture(scope="module")
 def night(tmp_path_factory):
     """A small night scene: its folder and its facts."""
     folder = tmp_path_factory.mktemp("scenes") / "night"
-    facts = night_scene.write_scene(folder, CaptureModel(), views=9, **SIZE)
+    facts = dataset.write_scene(folder, CaptureModel(), views=9, **SIZE)
     return folder, facts
 
 
@@ -239,7 +239,7 @@ def test_the_chart_shows_its_24_colours():
         [(2 * columns - 1) / 1.05, (1 - 2 * rows) / 1.08, np.ones((4, 6))]
     ).reshape(3, 24)
     colors = textures._chart(jnp.asarray(unit, jnp.float32))
-    expected = image.srgb_to_linear(textures.CHART_SRGB)
+    expected = color.srgb_to_linear(textures.CHART_SRGB)
     np.testing.assert_allclose(np.asarray(colors).T, expected, atol=1e-6)
 
 
@@ -253,7 +253,7 @@ def test_cameras_are_rigid_face_one_way_and_look_at_the_target(poses):
     forward = -rotation[:, :, 2]
     mean = forward.mean(axis=0) / np.linalg.norm(forward.mean(axis=0))
     assert np.degrees(np.arccos(forward @ mean)).max() < 20
-    to_target = night_scene.TARGET - center
+    to_target = dataset.TARGET - center
     np.testing.assert_allclose(
         np.cross(forward, to_target), np.zeros((30, 3)), atol=1e-9
     )
@@ -336,7 +336,7 @@ def test_a_written_scene_states_exact_poses_and_loads_with_its_truth(night):
         for frame in content["frames"]:
             assert frame["file_path"].startswith(f"{pictures}/")
             stated[frame["file_path"][-7:]] = np.array(frame["transform_matrix"])
-    for name, pose in zip(sorted(stated), night_scene.make_cameras(9), strict=True):
+    for name, pose in zip(sorted(stated), dataset.make_cameras(9), strict=True):
         np.testing.assert_array_equal(stated[name][:3], pose)
     scene = load_scene(folder, split="test")
     assert scene.view_names == ("000.png", "008.png")
@@ -351,15 +351,15 @@ def test_a_scene_is_reused_refused_or_overwritten(night, monkeypatch):
     truth = (folder / "high" / "004.png").read_bytes()
     dark = (folder / "low" / "004.png").read_bytes()
     with monkeypatch.context() as patch:
-        patch.setattr(night_scene, "render_views", None)
-        assert night_scene.write_scene(folder, CaptureModel(), **size) == facts
+        patch.setattr(dataset, "render_views", None)
+        assert dataset.write_scene(folder, CaptureModel(), **size) == facts
         with pytest.raises(UserError, match="exposure was"):
-            night_scene.write_scene(folder, CaptureModel(exposure=0.5), **size)
+            dataset.write_scene(folder, CaptureModel(exposure=0.5), **size)
     other = CaptureModel(seed=7)
-    night_scene.write_scene(folder, other, **size, overwrite=True)
+    dataset.write_scene(folder, other, **size, overwrite=True)
     assert (folder / "high" / "004.png").read_bytes() == truth
     assert (folder / "low" / "004.png").read_bytes() != dark
-    night_scene.write_scene(folder, CaptureModel(), **size, overwrite=True)
+    dataset.write_scene(folder, CaptureModel(), **size, overwrite=True)
     assert (folder / "low" / "004.png").read_bytes() == dark
 
 
@@ -383,7 +383,7 @@ def test_a_users_own_folder_is_never_replaced(tmp_path, overwrite):
 
 def test_tiny_scenes_are_refused(tmp_path):
     with pytest.raises(UserError, match="make a scene"):
-        night_scene.write_scene(tmp_path / "out", CaptureModel(), views=1)
+        dataset.write_scene(tmp_path / "out", CaptureModel(), views=1)
 
 
 @pytest.fixture
@@ -412,8 +412,8 @@ def test_a_darkened_dataset_keeps_its_format_and_pairs_with_its_originals(
     dark = load_scene(out, split="train")
     assert len(dark.truth) == len(dark.images) == len(bright.images)
     np.testing.assert_array_equal(dark.truth[0], bright.images[0])
-    light = 0.1 * image.srgb_to_linear(bright.images[0] / np.float32(65535))
-    expected = image.to_uint8(image.linear_to_srgb(light))
+    light = 0.1 * color.srgb_to_linear(bright.images[0] / np.float32(65535))
+    expected = color.to_uint8(color.linear_to_srgb(light))
     np.testing.assert_array_equal(dark.images[0], expected.astype(np.uint16) * 257)
 
 

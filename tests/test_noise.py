@@ -8,9 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from internal import image, image_io, losses, noise
-from internal.capture import CaptureModel, capture, encode, sense, view_key
-from internal.noise import NODES, Noise
+from internal import color, losses
+from internal.files import image_io
+from internal.night.capture import CaptureModel, capture, encode, sense, view_key
+from internal.scene import noise
+from internal.scene.noise import NODES, Noise
 
 CAMERA = CaptureModel(exposure=1.0, full_well=8000.0, read_noise=4.0)
 LEVEL = 1.0 / (255.0 * 12.92)  # linear light of the first level
@@ -27,10 +29,10 @@ def test_the_expectation_is_that_of_simulated_photos():
     """Slow reference: Gaussian noise, clipping, the sRGB curve and rounding, often."""
     floor, growth = (1.5 * LEVEL) ** 2, 2e-4
     nodes = np.array([0, 2, 7, 20, 61, 300, 1018, 1020])
-    x = np.asarray(image.srgb_to_linear(NODES[nodes]), np.float64)
+    x = np.asarray(color.srgb_to_linear(NODES[nodes]), np.float64)
     rng = np.random.default_rng(0)
     draws = rng.normal(size=(50_000, 1)) * np.sqrt(floor + growth * x)
-    photos = np.asarray(image.to_uint8(image.linear_to_srgb(x + draws)), np.float64)
+    photos = np.asarray(color.to_uint8(color.linear_to_srgb(x + draws)), np.float64)
     mean, variance = (moment[nodes] for moment in noise.expectation(floor, growth))
     error = np.sqrt(variance / len(photos)) + 1e-3
     assert np.all(np.abs(photos.mean(axis=0) - mean) < 4.0 * error)
@@ -42,7 +44,7 @@ def test_captures_of_a_colour_average_to_its_expected_photo(light):
     photos = capture(
         np.full((100, 100, 3), light, np.float32), CAMERA, view_key(CAMERA, 0)
     )
-    colour = image.linear_to_srgb(light * jnp.array(CAMERA.channel_gains))
+    colour = color.linear_to_srgb(light * jnp.array(CAMERA.channel_gains))
     expected = 255.0 * noise.expected_photo(noise_of(CAMERA))(colour)
     error = photos.std(axis=(0, 1)) / 100.0
     np.testing.assert_array_less(np.abs(photos.mean(axis=(0, 1)) - expected), 4 * error)

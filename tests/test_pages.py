@@ -6,8 +6,9 @@ import html.parser
 import numpy as np
 import pytest
 
-from internal import atomic, contact_sheet, image_io, pages
 from internal.errors import UserError
+from internal.files import atomic, image_io
+from internal.pages import contact_sheet, pages
 
 SECTIONS = [
     pages.Section(

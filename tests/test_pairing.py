@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from internal import pairing
 from internal.errors import UserError
+from internal.scene import pairing
 
 
 def folder_of(tmp_path: Path, *names: str) -> Path:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from internal import paths
 from internal.errors import UserError
 from internal.poses import focus_point
+from internal.rendering import paths
 
 NEAR, FAR = 2.0, 20.0
 SUBJECT = np.array([4.0, 5.0, 6.0])

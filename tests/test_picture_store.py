@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from internal.picture_store import PictureStore, gigabytes, hold
+from internal.files.picture_store import PictureStore, gigabytes, hold
 
 
 @pytest.fixture

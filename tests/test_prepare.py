@@ -11,16 +11,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scene_writers import edit_json, flat_picture
-from textured_room import room_cameras, write_room
 
 import prepare as prepare_script
-from internal import image_io, readers
 from internal.errors import UserError
-from internal.pose_comparison import compare
+from internal.files import image_io
 from internal.prepare import attempts, brighten, mapping
 from internal.prepare.pipeline import Inputs, prepare
-from internal.scene import load_scene
+from internal.scene import readers
+from internal.scene.pose_comparison import compare
+from internal.scene.scene import load_scene
+from tests.scene_writers import edit_json, flat_picture
+from tests.textured_room import room_cameras, write_room
 
 ROOT = Path(__file__).parents[1]
 VIEWS = 7

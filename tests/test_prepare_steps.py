@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
-from scene_writers import facing_world, flat_picture, random_rotation, surrounding_world
 
-from internal import colmap, image, image_io, made_folder, raw, video
+from internal import color
 from internal.errors import UserError
-from internal.pose_comparison import compare
+from internal.files import image_io, made_folder, raw, video
 from internal.poses import transform_poses
 from internal.prepare import (
     attempts,
@@ -31,6 +30,14 @@ from internal.prepare.orient import DISTANCE, scene_frame
 from internal.prepare.photos import find_photos
 from internal.prepare.pipeline import NOTES
 from internal.prepare.video_frames import extract_frames
+from internal.scene import colmap
+from internal.scene.pose_comparison import compare
+from tests.scene_writers import (
+    facing_world,
+    flat_picture,
+    random_rotation,
+    surrounding_world,
+)
 
 RECIPE = brighten.Recipe(brighten=True, blur=1.0)
 
@@ -40,7 +47,7 @@ def random_light(seed=0, size=(40, 60, 3)):
 
 
 def srgb(linear):
-    return np.asarray(image.linear_to_srgb(linear), np.float32)
+    return np.asarray(color.linear_to_srgb(linear), np.float32)
 
 
 def test_a_copy_does_not_depend_on_how_dark_the_photo_is():
@@ -53,8 +60,8 @@ def test_a_copy_does_not_depend_on_how_dark_the_photo_is():
 
 def test_light_by_table_is_light_by_formula():
     levels = np.arange(256, dtype=np.float32) / 255.0
-    expected = np.asarray(image.srgb_to_linear(levels))
-    np.testing.assert_allclose(image.photo_to_linear(levels), expected, rtol=1e-6)
+    expected = np.asarray(color.srgb_to_linear(levels))
+    np.testing.assert_allclose(color.photo_to_linear(levels), expected, rtol=1e-6)
 
 
 def test_a_plain_copy_keeps_grey_as_it_is():
@@ -154,7 +161,7 @@ def test_light_is_sampled_where_pixels_say_and_not_where_it_is_clipped():
     picture[:, 12:] = 100.0 / 255.0
     light = exposures.sample_light(picture, np.array([[4.5, 4.5], [18.5, 4.5]]))
     assert np.isnan(light[0]).all()
-    expected = np.log(float(image.srgb_to_linear(100.0 / 255.0)))
+    expected = np.log(float(color.srgb_to_linear(100.0 / 255.0)))
     np.testing.assert_allclose(light[1], expected, rtol=1e-5)
 
 
@@ -337,5 +344,5 @@ def test_truth_in_linear_light_is_developed_like_a_photo(tmp_path):
     image_io.write(truth, np.full((8, 8, 3), 0.2))
     scene_files.place_truth(photo, truth, tmp_path / "scene")
     placed = image_io.read_srgb(tmp_path / "scene" / "high" / "1.png")
-    expected = image.quantize(image.linear_to_srgb(np.full((8, 8, 3), 0.2)))
+    expected = color.quantize(color.linear_to_srgb(np.full((8, 8, 3), 0.2)))
     np.testing.assert_allclose(placed, expected, atol=1e-6)

@@ -7,7 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scene_writers import (
+
+from internal.cameras import Lens
+from internal.errors import UserError
+from internal.scene import readers
+from tests.scene_writers import (
     LENS,
     World,
     edit_json,
@@ -23,10 +27,6 @@ from scene_writers import (
     write_nerfstudio,
     write_pictures,
 )
-
-from internal import readers
-from internal.cameras import Lens
-from internal.errors import UserError
 
 WORLD = facing_world()
 WRITERS = {

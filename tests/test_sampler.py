@@ -6,8 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from internal import parallel, sampler
+from internal import parallel
 from internal.configs import TrainConfig
+from internal.training import sampler
 
 TRAIN = TrainConfig(batch_size=500, enhance_start=10)
 BEFORE, AFTER = jnp.int32(9), jnp.int32(10)

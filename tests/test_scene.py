@@ -12,7 +12,17 @@ import OpenImageIO as oiio
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scene_writers import (
+from scipy.spatial.transform import Rotation
+
+from internal import poses
+from internal.cameras import Lens, pixel_directions
+from internal.coord import ForwardFacing, Unbounded
+from internal.errors import UserError
+from internal.files import image_io
+from internal.scene import readers
+from internal.scene.extent import visible_distances
+from internal.scene.scene import Scene, load_scene
+from tests.scene_writers import (
     LENS,
     World,
     edit_json,
@@ -29,14 +39,6 @@ from scene_writers import (
     write_nerfstudio,
     write_pictures,
 )
-from scipy.spatial.transform import Rotation
-
-from internal import image_io, poses, readers
-from internal.cameras import Lens, pixel_directions
-from internal.coord import ForwardFacing, Unbounded
-from internal.errors import UserError
-from internal.extent import visible_distances
-from internal.scene import Scene, load_scene
 
 DATA = Path(os.environ.get("LLNERF_DATA", Path(__file__).parents[2] / "shared/data"))
 WORLD = facing_world()

@@ -16,11 +16,15 @@ import eval as eval_script
 import render as render_script
 import sweep as sweep_script
 import train as train_script
-from internal import image_io, parallel, report, run_folder, scored_run
-from internal.checkpoints import load_trained
+from internal import parallel
 from internal.cli import load_split
+from internal.comparison import scored_run
 from internal.configs import load_config, to_json
 from internal.errors import Diverged, UserError
+from internal.files import image_io
+from internal.pages import report
+from internal.training import run_folder
+from internal.training.checkpoints import load_trained
 from tests.conftest import TINY_MODEL, bindings, flags
 
 

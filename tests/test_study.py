@@ -8,14 +8,9 @@ import re
 import pytest
 
 import study as study_script
-from internal import charts
 from internal.errors import UserError
-from internal.study.answers import (
-    COLUMNS,
-    preferences,
-    read_answers,
-    wilson_interval,
-)
+from internal.pages import charts
+from internal.study.answers import COLUMNS, preferences, read_answers, wilson_interval
 from tests.scene_writers import write_pictures
 
 NAMES = [f"{i:02}.png" for i in range(6)]

@@ -14,12 +14,10 @@ import pytest
 from benchmarks.tone import Variant, light, meter
 from internal import losses
 from internal.cameras import cast_rays
+from internal.color import linear_to_srgb, srgb_to_linear
 from internal.configs import load_config
-from internal.editing import LUMINANCE_WEIGHTS, NEUTRAL, light_edit
-from internal.image import linear_to_srgb, srgb_to_linear
-from internal.models import GammaRendering, Model
-from internal.pictures import display_for, outputs_of, pictures
-from internal.tone import (
+from internal.enhancements.editing import LUMINANCE_WEIGHTS, NEUTRAL, light_edit
+from internal.enhancements.tone import (
     MOST_SATURATION,
     Meter,
     Tone,
@@ -27,7 +25,9 @@ from internal.tone import (
     response,
     saturate,
 )
-from internal.training import initial_state, make_optimizer, tone_terms
+from internal.models import GammaRendering, Model
+from internal.rendering.pictures import display_for, outputs_of, pictures
+from internal.training.step import initial_state, make_optimizer, tone_terms
 from tests.conftest import TINY_MODEL
 from tests.test_training import make_run
 

@@ -7,13 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from internal import noise, parallel, sampler, training
+from internal import parallel
 from internal.cameras import cast_rays
+from internal.color import expose, linear_to_srgb, srgb_to_linear
 from internal.configs import load_config
-from internal.editing import NEUTRAL
+from internal.enhancements.editing import NEUTRAL
 from internal.errors import Diverged
-from internal.image import expose, linear_to_srgb, srgb_to_linear
 from internal.models import Model
+from internal.scene import noise
+from internal.training import sampler
+from internal.training import step as training
 from tests.conftest import TINY_MODEL
 
 

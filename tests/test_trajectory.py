@@ -6,12 +6,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from internal import paths
 from internal.configs import RenderConfig
 from internal.errors import UserError
 from internal.poses import transform_poses
-from internal.scene import load_scene
-from internal.trajectory import path_cameras
+from internal.rendering import paths
+from internal.rendering.trajectory import path_cameras
+from internal.scene.scene import load_scene
 from tests.scene_writers import facing_world, write_colmap
 
 RENDER = RenderConfig(frames=5)

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from internal import video
 from internal.errors import UserError
+from internal.files import video
 
 av = pytest.importorskip("av")
 

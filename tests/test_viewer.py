@@ -19,16 +19,17 @@ import websockets.sync.client
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from internal import image_io, paths
 from internal.cameras import Lens
-from internal.colmap import lens_directions
 from internal.configs import ModelConfig, load_config
-from internal.editing import light_edit
+from internal.enhancements.editing import light_edit
 from internal.errors import UserError
-from internal.looks import Look
+from internal.files import image_io
 from internal.models import GammaRendering, LitRendering, Model
-from internal.pictures import EXPLANATIONS, Display
-from internal.scene import load_scene
+from internal.rendering import paths
+from internal.rendering.looks import Look
+from internal.rendering.pictures import EXPLANATIONS, Display
+from internal.scene.colmap import lens_directions
+from internal.scene.scene import load_scene
 from internal.viewer import takes
 from internal.viewer.canvas import PHOTO, Choice, draw, photo_through, with_gains
 from internal.viewer.free_camera import PIXELS, FreeCamera, single_camera, vertical_fov

@@ -8,10 +8,11 @@ blots. Frame: OpenGL cameras; floor y = 0, walls x = 0 and z = 0.
 from pathlib import Path
 
 import numpy as np
-from scene_writers import look_at
 from scipy import ndimage
 
-from internal import image, image_io
+from internal import color
+from internal.files import image_io
+from tests.scene_writers import look_at
 
 WIDTH, HEIGHT, FOCAL = 240, 180, 260.0
 TEXELS = 512  # per repeat of 4 units
@@ -61,7 +62,7 @@ def write_room(
     for view, camera in enumerate(cameras):
         light = render_room(camera, seed) * exposures[view]
         noisy = np.clip(light + rng.normal(0.0, 2e-4, light.shape), 0.0, 1.0)
-        srgb = np.asarray(image.linear_to_srgb(noisy), np.float32)
+        srgb = np.asarray(color.linear_to_srgb(noisy), np.float32)
         image_io.write(folder / f"{first + view:02}.png", srgb)
     return cameras
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from internal import image_io
 from internal.cli import load_split
 from internal.configs import load_config
+from internal.files import image_io
 from internal.viewer import free_camera
 from internal.viewer.panel import Panel
 from internal.viewer.server import Server

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from internal import colmap, image_io
 from internal.cameras import Lens
+from internal.files import image_io
+from internal.scene import colmap
 
 
 def write_dataset(

@@ -12,21 +12,17 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from jaxtyping import Float
 
-from internal import colmap, image, poses, progress
+from internal import color, poses, progress
 from internal.errors import UserError
 from internal.export import shapes
 from internal.export.dataset import write_dataset
-from internal.export.density import (
-    Density,
-    from_field_space,
-    normals,
-    to_field_space,
-)
+from internal.export.density import Density, from_field_space, normals, to_field_space
 from internal.export.shapes import Cloud, Mesh
 from internal.export.sightings import Sighting, mean_colors, surface_points
-from internal.made_folder import Facts
+from internal.files.made_folder import Facts
 from internal.models import LitRendering, Rendering
-from internal.scene import Scene, posed_cameras
+from internal.scene import colmap
+from internal.scene.scene import Scene, posed_cameras
 
 RenderView = Callable[[int], Rendering | LitRendering]
 
@@ -186,7 +182,7 @@ def _sighting(scene: Scene, view: int, rendering: Rendering | LitRendering) -> S
     scale = float(np.cbrt(np.linalg.det(scene.model_from_world[:3, :3])))
     points = surface_points(scene.space, camtoworld, directions, depth)
     is_surface = depth < BACKGROUND * scale * scene.far
-    return Sighting(lens, camtoworld, image.to_uint8(lit), points, is_surface)
+    return Sighting(lens, camtoworld, color.to_uint8(lit), points, is_surface)
 
 
 def _distances(

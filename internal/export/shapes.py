@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from internal import atomic
 from internal.errors import UserError
 from internal.export.density import Density
+from internal.files import atomic
 
 MARGIN = 0.02  # of the box around the points
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from internal import colmap
 from internal.cameras import Lens
 from internal.coord import ForwardFacing, Unbounded
+from internal.scene import colmap
 
 # A point is the surface that a pixel shows if it is this near to it, as a share of
 # the distance from the camera.

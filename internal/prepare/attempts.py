@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from internal import image_io, progress
+from internal import progress
+from internal.files import image_io
 from internal.prepare import mapping, matching
 from internal.prepare.brighten import AS_IT_IS, Recipe, make_copy
 from internal.prepare.checks import rests_on_points

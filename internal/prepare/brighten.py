@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from internal import image, image_io
+from internal import color
+from internal.files import image_io
 
 WHITE_PERCENTILE = 99.0  # of a photo's light: lamps are rarely larger than the rest
 WHITE = 0.8  # linear light that it is brought to
@@ -56,12 +57,12 @@ def make_copy(
     if recipe.brighten:
         white = float(np.percentile(linear, WHITE_PERCENTILE))
         linear = linear * (WHITE / max(white, np.finfo(np.float32).tiny))
-    return np.clip(np.asarray(image.linear_to_srgb(linear)), 0.0, 1.0)
+    return np.clip(np.asarray(color.linear_to_srgb(linear)), 0.0, 1.0)
 
 
 def _grey_light(
     srgb: Float[np.ndarray, "height width 3"],
 ) -> Float[np.ndarray, "height width 1"]:
     """Linear light, mean of the channels; one at a time, for large photos."""
-    red, green, blue = (image.photo_to_linear(srgb[..., i]) for i in range(3))
+    red, green, blue = (color.photo_to_linear(srgb[..., i]) for i in range(3))
     return ((red + green + blue) / 3.0)[..., None]

@@ -11,17 +11,19 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from internal import colmap, image_io, poses, progress, readers
+from internal import poses, progress
 from internal.cameras import Lens
 from internal.errors import UserError
+from internal.files import image_io
 from internal.prepare import attempts, exposures, matching, statistics
 from internal.prepare.brighten import copy_size
 from internal.prepare.exposures import Exposures
 from internal.prepare.matching import Copy, Pairs
 from internal.prepare.report import Report, write_report
 from internal.prepare.summary import summarize, train_command
-from internal.readers.base import SceneFiles
-from internal.scene_loading import check_lenses, check_poses, find_truth, fit_lenses
+from internal.scene import colmap, readers
+from internal.scene.loading import check_lenses, check_poses, find_truth, fit_lenses
+from internal.scene.readers.base import SceneFiles
 
 NEIGHBOURS = 3  # that each view is matched with
 PARALLEL = np.radians(0.5)

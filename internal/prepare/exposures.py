@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import sparse
 
-from internal import atomic, image
+from internal import color
+from internal.files import atomic
 
 WINDOW = 5  # pixels whose light is averaged about a point
 # Beyond these 8-bit levels, clipping and rounding say more than light.
@@ -52,9 +53,9 @@ def sample_light(
     across = np.arange(WINDOW) - WINDOW // 2
     rows = (y + across[:, None]).clip(0, height - 1)
     columns = (x + across).clip(0, width - 1)
-    windows = image.photo_to_linear(srgb[rows, columns])
+    windows = color.photo_to_linear(srgb[rows, columns])
     found = windows.mean(axis=(1, 2))
-    low, high = np.asarray(image.srgb_to_linear(np.array(LEVELS) / 255.0))
+    low, high = np.asarray(color.srgb_to_linear(np.array(LEVELS) / 255.0))
     told = (found > low) & (found < high)
     return np.log(np.where(told, found, np.nan))
 

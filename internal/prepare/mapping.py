@@ -14,9 +14,10 @@ import pycolmap
 from jaxtyping import Float, Int
 from tqdm import tqdm
 
-from internal import colmap, progress
+from internal import progress
 from internal.prepare.matching import MAX_FEATURES, SEED, view_of
 from internal.prepare.room import room
+from internal.scene import colmap
 
 FEWEST_IMAGES = 3
 # Photos taken by hand from one side turn less about the scene than COLMAP's 16.

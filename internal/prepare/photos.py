@@ -14,8 +14,9 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from jaxtyping import Float
 
-from internal import atomic, image, image_io, progress, raw
+from internal import color, progress
 from internal.errors import UserError
+from internal.files import atomic, image_io, raw
 from internal.prepare.statistics import PhotoStatistics, measure
 
 FEWEST = 3
@@ -130,7 +131,7 @@ def read_photo(path: Path) -> Float[np.ndarray, "height width 3"]:
         return raw.develop(path)
     pixels = image_io.read_srgb(path)
     if path.suffix.lower() in LINEAR_EXTENSIONS:
-        return image.quantize(image.linear_to_srgb(pixels))
+        return color.quantize(color.linear_to_srgb(pixels))
     return pixels
 
 

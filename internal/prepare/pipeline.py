@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from internal import colmap, image_io, progress, readers
+from internal import progress
 from internal.errors import UserError
-from internal.made_folder import begin_folder, finish_folder
-from internal.pairing import pair_by_name
+from internal.files import image_io
+from internal.files.made_folder import begin_folder, finish_folder
 from internal.prepare import attempts, exposures, mapping, matching, scene_files
 from internal.prepare.attempts import Attempt
 from internal.prepare.brighten import copy_size
@@ -30,7 +30,9 @@ from internal.prepare.report import FOLDER, Report, Tried, read_report, write_re
 from internal.prepare.room import cannot_write
 from internal.prepare.summary import summarize, summarize_failure, train_command
 from internal.prepare.video_frames import extract_frames
-from internal.scene_loading import ASPECT_TOLERANCE, GAINS_FILE
+from internal.scene import colmap, readers
+from internal.scene.loading import ASPECT_TOLERANCE, GAINS_FILE
+from internal.scene.pairing import pair_by_name
 
 CONTENT = 1  # counts changes of what is written; older scenes are refused
 WORK = "work"

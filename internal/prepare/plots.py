@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from internal import atomic
+from internal.files import atomic
 
 BACKGROUND, INK, ACCENT, FAINT = "#161616", "#e8e8e8", "#ffb347", "#8ab8ff"
 SHOWN_POINTS = 4000

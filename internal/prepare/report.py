@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from internal import atomic, pages
 from internal.errors import UserError
-from internal.pages import Section, Table
+from internal.files import atomic
+from internal.pages import pages
+from internal.pages.pages import Section, Table
 from internal.prepare import plots
 from internal.prepare.photos import Rejected
 

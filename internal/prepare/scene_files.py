@@ -9,18 +9,13 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from jaxtyping import Float
 
-from internal import atomic, image_io
 from internal.cameras import Lens
-from internal.colmap import Reconstruction
 from internal.errors import UserError
-from internal.pairing import pair_by_name
-from internal.prepare.photos import (
-    DEVELOPED_EXTENSIONS,
-    Photo,
-    read_photo,
-    scene_name,
-)
-from internal.scene_loading import ASPECT_TOLERANCE
+from internal.files import atomic, image_io
+from internal.prepare.photos import DEVELOPED_EXTENSIONS, Photo, read_photo, scene_name
+from internal.scene.colmap import Reconstruction
+from internal.scene.loading import ASPECT_TOLERANCE
+from internal.scene.pairing import pair_by_name
 
 PICTURES = "images"
 TRUTH = "high"

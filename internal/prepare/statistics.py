@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 from scipy import ndimage
 
-from internal import image
-from internal.noise import noise_level
+from internal import color
+from internal.scene.noise import noise_level
 
 LEVELS = 256
 # A photo whose brightest thousandth stays below this level shows nothing.
@@ -40,7 +40,7 @@ class PhotoStatistics:
 
 def measure(srgb: Float[np.ndarray, "height width 3"]) -> PhotoStatistics:
     """Measures one photo."""
-    levels = [image.to_uint8(srgb[..., channel]) for channel in range(3)]
+    levels = [color.to_uint8(srgb[..., channel]) for channel in range(3)]
     counts = [_count(channel) for channel in levels]
     green, total = counts[1], np.sum(counts, axis=0)
     low, high = _percentile(green, 1.0), _percentile(green, 99.0)

@@ -9,7 +9,6 @@ from jaxtyping import Float
 
 from internal import poses
 from internal.errors import UserError
-from internal.extent import Bounds, find_bounds
 from internal.prepare import statistics
 from internal.prepare.checks import Geometry, judge
 from internal.prepare.exposures import Exposures
@@ -17,8 +16,9 @@ from internal.prepare.photos import Found, Rejected
 from internal.prepare.report import Pictured, Report, Tried
 from internal.prepare.scene_files import HOLDOUT
 from internal.prepare.statistics import PhotoStatistics
-from internal.readers.base import SceneFiles
-from internal.scene_loading import fit_lenses, held_out
+from internal.scene.extent import Bounds, find_bounds
+from internal.scene.loading import fit_lenses, held_out
+from internal.scene.readers.base import SceneFiles
 
 TRAIN = "python train.py --gin_configs=configs/llnerf_best.gin"
 TRAINED_WIDTH = 500  # pixels: what a few minutes on a laptop train well

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from internal import image_io, progress
+from internal import progress
 from internal.errors import UserError
+from internal.files import image_io
+from internal.files.video import read_video
 from internal.prepare.statistics import sharpness
-from internal.video import read_video
 
 INTERVAL = 0.5  # seconds
 SHARPNESS_WIDTH = 640  # pixels that sharpness is measured on, about

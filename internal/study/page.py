@@ -13,11 +13,11 @@ import urllib.parse
 from collections.abc import Sequence
 from pathlib import Path
 
-from internal import image_io
 from internal.errors import UserError
-from internal.pairing import flat_png, list_pictures, pair_by_name
+from internal.files import image_io
+from internal.scene.pairing import flat_png, list_pictures, pair_by_name
 
-TEMPLATE = Path(__file__).parents[1] / "assets" / "study.html"
+TEMPLATE = Path(__file__).parents[1] / "pages" / "assets" / "study.html"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,10 +10,11 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from internal import colmap, image
+from internal import color
 from internal.cameras import Lens
 from internal.models import LitRendering, Rendering
-from internal.pictures import Display, Picture, pictures
+from internal.rendering.pictures import Display, Picture, pictures
+from internal.scene import colmap
 
 PHOTO = "photo"
 NOTHING = "nothing"
@@ -99,4 +100,4 @@ def photo_through(
 
 def _to_uint8(picture: Picture) -> UInt8[np.ndarray, "height width 3"]:
     """Rays that never enter the scene's space have no colour; they are shown black."""
-    return image.to_uint8(np.nan_to_num(picture))
+    return color.to_uint8(np.nan_to_num(picture))

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from internal.cameras import Cameras, Lens
-from internal.colmap import focal_lengths, lens_directions
+from internal.scene.colmap import focal_lengths, lens_directions
 
 PIXELS = {"200 x 150": 200 * 150, "500 x 375": 500 * 375, "1000 x 750": 1000 * 750}
 # On the way to a full picture; each about half of the next or less.

@@ -14,7 +14,7 @@ import jax
 
 from internal.cameras import Cameras
 from internal.models import LitRendering, Rendering
-from internal.renderer import assemble
+from internal.rendering.renderer import assemble
 
 Parts = Iterator[Rendering | LitRendering]
 Finish = Callable[[Rendering | LitRendering], None]

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 
 import viser
 
-from internal.pictures import EXPLANATIONS
+from internal.rendering.pictures import EXPLANATIONS
 from internal.viewer.border import Border, split_at
 from internal.viewer.canvas import NOTHING, PHOTO, Choice
 from internal.viewer.handlers import Guard, on_change

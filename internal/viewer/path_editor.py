@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import viser
 
-from internal import paths
 from internal.configs import RenderConfig
 from internal.errors import UserError
-from internal.scene import Scene
+from internal.rendering import paths
+from internal.scene.scene import Scene
 from internal.viewer import takes
 from internal.viewer.handlers import Guard
 from internal.viewer.stage import camera_of, move

@@ -15,20 +15,15 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from internal.colmap import lens_directions
+from internal.color import from_uint16
 from internal.errors import one_line
-from internal.image import from_uint16
-from internal.looks import Look
 from internal.models import LitRendering, Rendering
-from internal.pictures import Picture
+from internal.rendering.looks import Look
+from internal.rendering.pictures import Picture
+from internal.scene.colmap import lens_directions
 from internal.viewer import takes
 from internal.viewer.canvas import PHOTO, Choice, draw, photo_through
-from internal.viewer.free_camera import (
-    COARSE_PIXELS,
-    PIXELS,
-    FreeCamera,
-    single_camera,
-)
+from internal.viewer.free_camera import COARSE_PIXELS, PIXELS, FreeCamera, single_camera
 from internal.viewer.jobs import Job
 from internal.viewer.sharing import Errand
 from internal.viewer.studio import Studio, Trained

@@ -10,8 +10,8 @@ import viser
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from internal import image_io
-from internal.image import from_uint16, to_uint8
+from internal.color import from_uint16, to_uint8
+from internal.files import image_io
 from internal.viewer.free_camera import FreeCamera
 from internal.viewer.studio import Studio
 

@@ -10,14 +10,14 @@ from jaxtyping import Float
 
 from internal import parallel
 from internal.cameras import Cameras
-from internal.checkpoints import Checkpoints, load_trained
 from internal.configs import Config
-from internal.editing import LightEdit
+from internal.enhancements.editing import LightEdit
 from internal.models import Model
-from internal.pictures import Display, display_for, outputs_of
-from internal.renderer import Renderer
-from internal.scene import Scene
-from internal.training import Params
+from internal.rendering.pictures import Display, display_for, outputs_of
+from internal.rendering.renderer import Renderer
+from internal.scene.scene import Scene
+from internal.training.checkpoints import Checkpoints, load_trained
+from internal.training.step import Params
 from internal.viewer.free_camera import FreeCamera, single_camera, vertical_fov
 from internal.viewer.jobs import Speedometer, Task
 from internal.viewer.sharing import Turns

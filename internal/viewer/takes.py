@@ -12,14 +12,15 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from internal import image_io, paths
 from internal.errors import UserError
-from internal.looks import Look
+from internal.files import image_io
 from internal.models import LitRendering, Rendering
-from internal.pictures import Display, pictures
 from internal.poses import transform_poses
-from internal.run_folder import make_folder
-from internal.scene import Scene
+from internal.rendering import paths
+from internal.rendering.looks import Look
+from internal.rendering.pictures import Display, pictures
+from internal.scene.scene import Scene
+from internal.training.run_folder import make_folder
 
 SNAPSHOT = re.compile(r"snapshot_(\d+)\.json")
 

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Classical enhancement of one dark photo, with OpenCV (imported only here).
+
+What a user would try without a 3-D model; the comparison's 2-D rows. The optional
+extra ``enhance2d`` brings OpenCV. Pictures are ``[height, width, 3]`` float32 sRGB
+in [0, 1]; OpenCV's algorithms see them in 8 bits.
+"""
+
+import importlib.util
+from collections.abc import Callable
+
+import numpy as np
+import scipy.ndimage
+from jaxtyping import Float
+
+from internal.color import quantize, to_uint8
+from internal.comparison.lime import lime
+from internal.errors import UserError
+from internal.scoring.baselines import gain_to_mean
+
+Picture = Float[np.ndarray, "height width 3"]
+
+CLIP_LIMIT = 2.0  # these two as in OpenCV's tutorial
+TILES = (8, 8)
+PATCH, SEARCH = 7, 21  # pixels, odd; what OpenCV's documentation recommends
+# JPEG's blocks make noise alike in neighbouring pixels, so that the estimate of its
+# level is too low; where texture makes it too high, the recommended strength is enough.
+STRENGTH = 3.0  # of the denoising, in levels of noise
+MAX_STRENGTH = 10.0  # 8-bit levels; likewise recommended, for colour pictures
+VERSION = 1  # counts changes of the results; photos made by an older one are refused
+NOISE_KERNEL = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
+MAD_OF_NORMAL = 0.6745  # median of |x| for x of standard deviation 1
+
+
+def available() -> bool:
+    """Whether the extra ``enhance2d`` is installed."""
+    return importlib.util.find_spec("cv2") is not None
+
+
+def check_available(name: str) -> None:
+    """Refuses an enhancer where the extra ``enhance2d`` is not installed.
+
+    Raises:
+        UserError: says how to install it.
+    """
+    if not available():
+        raise UserError(
+            f"{name} needs OpenCV: run pip install -e '.[enhance2d]', or leave the "
+            "method out of the list"
+        )
+
+
+def clahe(srgb: Picture) -> Picture:
+    """Contrast-limited adaptive histogram equalisation (Zuiderveld 1994), after one
+    linear gain to mean 0.5: by itself it leaves a dark photo dark.
+
+    Equalises the greatest of a pixel's channels (the value of HSV) and scales all
+    three alike, so that hues stay.
+    """
+    import cv2
+
+    bright = quantize(gain_to_mean(srgb))
+    value = to_uint8(bright).max(axis=-1)
+    equalised = cv2.createCLAHE(CLIP_LIMIT, TILES).apply(value)
+    gain = equalised / np.maximum(value, 1).astype(np.float32)
+    return np.clip(bright * gain[..., None], 0.0, 1.0)
+
+
+def denoise(srgb: Picture) -> Picture:
+    """Non-local means (Buades et al. 2005), as strong as the picture is noisy."""
+    import cv2
+
+    strength = min(255.0 * STRENGTH * noise_level(srgb), MAX_STRENGTH)
+    return quantize(
+        cv2.fastNlMeansDenoisingColored(
+            to_uint8(srgb), None, strength, strength, PATCH, SEARCH
+        )
+        / np.float32(255.0)
+    )
+
+
+def noise_level(srgb: Picture) -> float:
+    """Standard deviation of the noise, sRGB, at least half an 8-bit level.
+
+    From the median size of a second difference that is blind to planes and straight
+    edges (Immerkær 1996); the median keeps texture out.
+    """
+    differences = scipy.ndimage.convolve(srgb, NOISE_KERNEL[..., None])
+    deviation = np.median(np.abs(differences)) / MAD_OF_NORMAL
+    return max(float(deviation / np.linalg.norm(NOISE_KERNEL)), 0.5 / 255.0)
+
+
+ENHANCERS: dict[str, Callable[[Picture], Picture]] = {
+    "clahe": clahe,
+    "clahe_denoised": lambda srgb: denoise(clahe(srgb)),
+    "lime": lime,
+    "lime_denoised": lambda srgb: denoise(lime(srgb)),
+}

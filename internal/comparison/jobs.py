@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The work behind a comparison of methods on scenes, and where its results lie.
+
+In the folder of the comparison, for each scene:
+
+    photos/clahe/              all photos, enhanced on the fly
+    scores/clahe/              test views of these: metrics.json, a folder per picture
+    runs/nerf+small_size@clahe/    run folder of a training on these; its eval/ is
+                               laid out as scores/clahe/ is
+
+``Job`` is the work that fills one of the last two; methods that look at different
+outputs of the same work share it.
+"""
+
+import dataclasses
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from internal import cli, configs, progress
+from internal.color import from_uint16
+from internal.comparison.enhancers import ENHANCERS, VERSION
+from internal.comparison.methods import Method
+from internal.comparison.scored_run import train_and_score
+from internal.configs import Config
+from internal.errors import UserError
+from internal.files import image_io
+from internal.files.made_folder import Facts, make_folder
+from internal.scene import readers
+from internal.scene.pairing import flat_png
+from internal.scoring import evaluation
+from internal.training import run_folder
+
+RECORD = "comparison.json"
+DARK = "dark"  # stands for the dark photos in names of folders
+PICTURE_FOLDERS = {"unchanged": "dark"}  # others are called as the output is
+
+
+@dataclasses.dataclass(frozen=True)
+class Job:
+    """What is to be scored: photos of a scene, or a model trained on them."""
+
+    data_dir: Path
+    photos: str  # as in ``Method``
+    train: tuple[str, ...]  # as in ``Method``
+
+    def __str__(self) -> str:
+        photos = f"{self.photos or DARK} photos of {scene_name(self.data_dir)}"
+        return f"{_stems(self.train)} on {photos}" if self.train else photos
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """One row for one scene: mean scores of the test views, and their pictures."""
+
+    folder: str  # of ``PICTURE_FOLDERS``, below the folder of the comparison
+    output: str  # as in ``Method``
+    trained: bool
+    scores: dict[str, float]  # ``evaluation.DEFINITIONS``; empty without truth
+    train_minutes: float  # 0 where nothing was trained
+
+    def picture(self, out: Path, output: str, view: str) -> Path:
+        """The file of one output of a view, whose name is given without ending."""
+        kind = PICTURE_FOLDERS.get(output, output)
+        return out / self.folder / kind / f"{view}.png"
+
+
+Results = dict[str, dict[str, Result]]  # by scene, then by method
+
+
+def scene_name(data_dir: Path) -> str:
+    """The name of a scene's folder."""
+    return data_dir.resolve().name
+
+
+def open_comparison(
+    out: Path, scenes: Sequence[Path], gin_bindings: Sequence[str]
+) -> None:
+    """Makes the folder, or checks that it holds a comparison with these bindings.
+
+    Scenes and methods may be added to a comparison; bindings would change its rows.
+
+    Raises:
+        UserError: it holds another comparison, or two scenes share a name.
+    """
+    paths = {scene_name(scene): str(scene.resolve()) for scene in scenes}
+    if len(paths) < len(scenes):
+        raise UserError(f"scenes: two have the same folder name; of {', '.join(paths)}")
+    record = out / RECORD
+    old = json.loads(record.read_text()) if record.is_file() else {}
+    if old and old["gin_bindings"] != list(gin_bindings):
+        raise UserError(
+            f"{record}: made with other bindings ({'; '.join(old['gin_bindings'])}); "
+            "give the same ones or choose another --out"
+        )
+    for name, path in old.get("scenes", {}).items():
+        if paths.setdefault(name, path) != path:
+            raise UserError(f"{record}: scene {name} was {path}; choose another --out")
+    run_folder.make_folder(out)
+    content = {"gin_bindings": list(gin_bindings), "scenes": paths}
+    run_folder.write_text(record, json.dumps(content, indent=2) + "\n")
+
+
+def scenes_of(out: Path) -> dict[str, Path]:
+    """The scenes of a comparison by name.
+
+    Raises:
+        UserError: the folder holds no comparison.
+    """
+    record = out / RECORD
+    if not record.is_file():
+        raise UserError(f"{record}: not found; make the comparison with compare.py")
+    scenes = json.loads(record.read_text())["scenes"]
+    return {name: Path(path) for name, path in scenes.items()}
+
+
+def job_of(data_dir: Path, method: Method) -> Job:
+    """The work that a method needs."""
+    return Job(data_dir, method.photos, method.train)
+
+
+def dark_photos(data_dir: Path) -> Job:
+    """The work that leaves input and truth for the figures, whatever the methods."""
+    return Job(data_dir, "", ())
+
+
+def scored_folder(out: Path, job: Job) -> Path:
+    """Where the job leaves ``metrics.json`` and its pictures."""
+    return _run(out, job) / "eval" if job.train else _place(out, job, "scores")
+
+
+def do(out: Path, job: Job, gin_bindings: Sequence[str]) -> int:
+    """Does a job, or what is missing of it.
+
+    Returns:
+        0, or the exit code of the script that failed or was stopped.
+
+    Raises:
+        UserError: anything that the user has to fix.
+    """
+    data_dir = str(job.data_dir.resolve())
+    bindings = [*gin_bindings, f"Config.data_dir = {data_dir!r}"]
+    images = job.photos
+    if images in ENHANCERS:
+        images = str(_enhanced_photos(out, job, configs.load_config([], bindings)))
+    if images:
+        bindings.append(f"Config.images_dir = {images!r}")
+    if job.train:
+        return train_and_score(_run(out, job), job.train, bindings)
+    _score_photos(out, job, bindings)
+    return 0
+
+
+def is_scored(out: Path, job: Job) -> bool:
+    """Whether a job was done, be it with other settings."""
+    return (scored_folder(out, job) / "metrics.json").is_file()
+
+
+def read_results(out: Path, chosen: Mapping[Path, Sequence[Method]]) -> Results:
+    """What is done so far of the methods chosen for each scene, in their order."""
+    return {
+        scene_name(data_dir): {
+            method.name: read_result(out, job_of(data_dir, method), method.output)
+            for method in methods
+            if is_scored(out, job_of(data_dir, method))
+        }
+        for data_dir, methods in chosen.items()
+    }
+
+
+def read_result(out: Path, job: Job, output: str) -> Result:
+    """What a job that is done found of one output."""
+    folder = scored_folder(out, job)
+    mean = json.loads((folder / "metrics.json").read_text())["mean"]
+    seconds = run_folder.training_seconds(_run(out, job)) if job.train else 0.0
+    return Result(
+        folder=folder.relative_to(out).as_posix(),
+        output=output,
+        trained=bool(job.train),
+        scores=mean.get(output, {}),
+        train_minutes=seconds / 60.0,
+    )
+
+
+def _place(out: Path, job: Job, kind: str) -> Path:
+    name = job.photos.replace("/", "-") or DARK
+    return out / scene_name(job.data_dir) / kind / name
+
+
+def _run(out: Path, job: Job) -> Path:
+    photos = _place(out, job, "runs")
+    return photos.with_name(f"{_stems(job.train)}@{photos.name}")
+
+
+def _stems(files: Sequence[str]) -> str:
+    return "+".join(Path(file).stem for file in files)
+
+
+def _enhanced_photos(out: Path, job: Job, config: Config) -> Path:
+    """The folder of all views' photos, enhanced on the fly or before."""
+    folder = _place(out, job, "photos").resolve()
+    scene = str(job.data_dir.resolve())
+    settings = {"scene": scene, "enhancer": job.photos, "version": VERSION}
+
+    def fill(partial: Path) -> Facts:
+        files = readers.read_files(
+            job.data_dir, config.dataset_loader, config.images_dir
+        )
+        named = list(zip(files.names, files.image_paths, strict=True))
+        for name, path in progress.track(named, len(named), job.photos, "photo"):
+            inside = Path(name).relative_to(Path(name).anchor)
+            target = (partial / inside).with_suffix(".png")
+            target.parent.mkdir(parents=True, exist_ok=True)
+            image_io.write(target, ENHANCERS[job.photos](image_io.read_srgb(path)))
+        return {"photos": float(len(named))}
+
+    make_folder(folder, settings, fill, overwrite=False)
+    return folder
+
+
+def _score_photos(out: Path, job: Job, bindings: Sequence[str]) -> None:
+    """Scores the photos of the test views, as they are and under each baseline."""
+    folder = scored_folder(out, job)
+    settings = {"bindings": list(bindings)}
+
+    def fill(partial: Path) -> Facts:
+        scene = cli.load_split(configs.load_config([], bindings), "test")
+        views: dict[str, evaluation.Scores] = {}
+        names = scene.view_names
+        for index, name in enumerate(
+            progress.track(names, len(names), "scoring", "photo")
+        ):
+            photo = from_uint16(scene.images[index])
+            shown = evaluation.brightened(photo)
+            if scene.truth:
+                truth = from_uint16(scene.truth[index])
+                views[name] = evaluation.score_pictures(shown, truth)
+                shown["truth"] = truth
+            _write_pictures(partial, flat_png(name), shown)
+        mean = evaluation.mean_scores(views) if views else {}
+        result = {"views": views, "mean": mean}
+        run_folder.write_text(
+            partial / "metrics.json", json.dumps(result, indent=2) + "\n"
+        )
+        return {"views": float(len(names))}
+
+    make_folder(folder, settings, fill, overwrite=False)
+
+
+def _write_pictures(folder: Path, name: str, pictures: dict[str, np.ndarray]) -> None:
+    for output, picture in pictures.items():
+        kind = folder / PICTURE_FOLDERS.get(output, output)
+        kind.mkdir(exist_ok=True)
+        image_io.write(kind / name, picture)

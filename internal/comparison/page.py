@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a comparison: tables, any two pictures of a view, how models trained."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from internal.comparison import jobs, tables
+from internal.comparison.jobs import Result, Results
+from internal.pages import pages, report
+
+
+def write_page(out: Path, results: Results, figures: Sequence[Path]) -> Path:
+    """Writes ``index.html`` into the folder of the comparison.
+
+    Args:
+        figures: pictures below ``out`` that show methods side by side.
+    """
+    figure_media = tuple(
+        (path.relative_to(out).as_posix(), f"{path.parent.name}: {path.stem}")
+        for path in figures
+    )
+    scenes = jobs.scenes_of(out)
+    media = slider_media(out, {scenes[name]: rows for name, rows in results.items()})
+    methods = [name for rows in results.values() for name in rows]
+    settings = (out / jobs.RECORD).read_text()
+    return pages.write_index(
+        out,
+        "Comparison of methods",
+        tables.TEXT,
+        [
+            *tables.tables(results),
+            report.compare_outputs(media, methods[-1] if methods else "input"),
+            pages.Section("Figures", "The first test view of a scene.", figure_media),
+            *(
+                part
+                for scene, rows in results.items()
+                for part in _trainings(out, scene, rows)
+            ),
+            report.this_command(),
+            pages.preformatted("Scenes and bindings", "Of all trainings.", settings),
+        ],
+    )
+
+
+def slider_media(
+    out: Path, results: Mapping[Path, Mapping[str, Result]]
+) -> dict[str, list[tuple[str, str]]]:
+    """By output, the pictures of all test views: (path below ``out``, view).
+
+    Input and truth, what every method is scored by, then the parts of models.
+    """
+    media: dict[str, list[tuple[str, str]]] = {}
+    for data_dir, rows in results.items():
+        photos = jobs.read_result(out, jobs.dark_photos(data_dir), "")
+        shown = {"input": (photos, "unchanged"), "truth": (photos, "truth")}
+        shown |= {name: (row, row.output) for name, row in rows.items()}
+        for part in report.PARTS:
+            shown |= {f"{n}: {part}": (row, part) for n, row in rows.items()}
+        for output, (result, kind) in shown.items():
+            folder = result.picture(out, kind, "any").parent
+            before = f"{jobs.scene_name(data_dir)}: "
+            media.setdefault(output, []).extend(report.pictures_in(out, folder, before))
+    return {output: listed for output, listed in media.items() if listed}
+
+
+def _trainings(
+    out: Path, scene: str, rows: Mapping[str, Result]
+) -> list[pages.Markup | pages.Section]:
+    """Curves of a scene's models, and links to their own pages."""
+    models = {name: out / row.folder for name, row in rows.items() if row.trained}
+    if not models:
+        return []
+    runs = {name: folder.parent for name, folder in models.items()}
+    return [
+        *report.training_curves(f"Training on {scene}", runs),
+        report.links_to_models(f"Models of {scene}", out, models),
+    ]

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Everything that touches files: whole-or-nothing writes, images, RAW, videos."""

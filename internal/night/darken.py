@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Turns a normal-light dataset into a paired low-light one of the same format.
+
+Pictures are 8-bit sRGB files; they are decoded to linear light, captured by
+``capture.capture`` and encoded again under the same names. The originals become
+the truth, in the folder ``high``.
+"""
+
+import dataclasses
+import shutil
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+
+from tqdm import tqdm
+
+from internal import color
+from internal.errors import UserError
+from internal.files import image_io
+from internal.files.made_folder import Facts, make_folder
+from internal.night.capture import CaptureModel, capture, view_key
+from internal.scene import readers
+from internal.scene.pairing import find_truth_folder
+
+TRUTH = "high"
+POSE_FILES = ("transforms*.json", "poses_bounds.npy", "sparse", "colmap")
+
+README = """A low-light version of {source}.
+
+Dark pictures lie where that dataset has its pictures: the same light at exposure
+{exposure:.4g}, with photon noise (full well {full_well:g} electrons), read noise
+({read_noise:g} electrons), channel gains {channel_gains}, clipping, sRGB curve and 8
+bits; seed {seed}. high/ holds the originals as the truth. Names that end in .jpg are
+JPEG files, whose compression adds its own small error.
+"""
+
+
+def darken(
+    data_dir: Path,
+    folder: Path,
+    model: CaptureModel,
+    *,
+    images_dir: str = "",
+    overwrite: bool = False,
+) -> Facts:
+    """Writes the dark twin of a dataset, or reuses the one made with these settings.
+
+    Args:
+        data_dir: normal-light dataset in any format that ``readers`` know.
+        folder: appears whole: pose files, dark pictures under their paths, ``high``.
+        model: of the dark captures; a view's noise depends on its place by name.
+        images_dir: folder in ``data_dir`` of the pictures to take, e.g. images_8;
+            "" takes the ones that the pose files state.
+        overwrite: writes anew over a folder with other settings.
+
+    Returns:
+        ``dark_level`` and ``truth_level``: means in 8-bit levels; ``views``.
+
+    Raises:
+        UserError: no dataset, one with truth already, or ``folder`` is in use.
+    """
+    files = readers.read_files(data_dir, "auto", images_dir)
+    _check(data_dir, folder, files.image_paths)
+    settings = {
+        **{"darkened": str(data_dir.resolve()), "images_dir": images_dir},
+        **dataclasses.asdict(model),
+    }
+
+    def fill(partial: Path) -> Facts:
+        _copy_pose_files(data_dir, partial)
+        text = README.format(source=data_dir.name, **dataclasses.asdict(model))
+        (partial / "README.txt").write_text(text)
+        truth = _truth_names(files.names, files.image_paths)
+        levels = {"dark_level": 0.0, "truth_level": 0.0}
+        for view, source in enumerate(tqdm(files.image_paths, "darkening")):
+            _copy(source, partial / TRUTH / truth[view])
+            srgb = image_io.read_srgb(source)
+            dark = capture(color.srgb_to_linear(srgb), model, view_key(model, view))
+            target = partial / source.relative_to(data_dir)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            image_io.write(target, color.quantize(dark / 255.0))
+            levels["dark_level"] += float(dark.mean()) / len(truth)
+            levels["truth_level"] += 255.0 * float(srgb.mean()) / len(truth)
+        return levels | {"views": len(truth)}
+
+    return make_folder(folder, settings, fill, overwrite=overwrite)
+
+
+def _check(data_dir: Path, folder: Path, image_paths: Sequence[Path]) -> None:
+    truth = find_truth_folder(data_dir, image_paths[0].parent)
+    if truth:
+        raise UserError(f"{truth}: the scene has normal-light truth already")
+    if folder.resolve().is_relative_to(data_dir.resolve()):
+        raise UserError(f"{folder}: lies in the dataset itself; choose another folder")
+    for path in image_paths:
+        if not path.resolve().is_relative_to(data_dir.resolve()):
+            raise UserError(f"{path}: lies outside of {data_dir}; move it there")
+
+
+def _truth_names(names: Sequence[str], image_paths: Sequence[Path]) -> list[str]:
+    """Names in ``high`` by which the loader pairs: bare where one folder has all."""
+    if len({path.parent for path in image_paths}) == 1:
+        return [path.name for path in image_paths]
+    pairs = zip(names, image_paths, strict=True)
+    return [str(PurePosixPath(name).with_suffix(path.suffix)) for name, path in pairs]
+
+
+def _copy_pose_files(data_dir: Path, folder: Path) -> None:
+    for pattern in POSE_FILES:
+        for source in data_dir.glob(pattern):
+            for path in source.rglob("*") if source.is_dir() else [source]:
+                if path.is_file() and not image_io.is_image(path):
+                    _copy(path, folder / path.relative_to(data_dir))
+
+
+def _copy(source: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parts of a result page that explain where its numbers and pictures come from."""
+
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from internal.pages import charts, pages, sliders
+from internal.rendering.pictures import EXPLANATIONS
+from internal.training import run_folder
+
+NOT_CURVES = frozenset(["step", "seconds"])
+
+PARTS = tuple(name for name in EXPLANATIONS if name not in ("enhanced", "dark"))
+
+Media = Mapping[str, Sequence[tuple[str, str]]]  # by output: (path, view)
+
+
+def compare_outputs(media: Media, right: str) -> pages.Markup:
+    """A slider between any two outputs of any view: input and ``right`` at first."""
+    by_view: dict[str, dict[str, str]] = {}
+    order = ("input", right, "truth")
+    for output in sorted(media, key=lambda o: (*order, o).index(o)):
+        for path, view in media[output]:
+            by_view.setdefault(view, {})[output] = path
+    return sliders.comparison(
+        "Compare", "Drag the border. Each side can show any output.", by_view,
+        "input", right,
+    )  # fmt: skip
+
+
+def pictures_in(root: Path, folder: Path, before: str = "") -> list[tuple[str, str]]:
+    """The PNGs of a folder below ``root``: (path, view with ``before`` its name)."""
+    return [
+        (path.relative_to(root).as_posix(), before + path.stem)
+        for path in sorted(folder.glob("*.png"))
+    ]
+
+
+def training_parts(run: Path) -> list[pages.Markup]:
+    """Curves, command and configuration of a run, as far as its folder holds them."""
+    parts = training_curves("Training", {"": run})
+    for heading, name in (("Command", "command.txt"), ("Configuration", "config.json")):
+        if (run / name).is_file():
+            text = f"{name} of the run: what trained this model."
+            content = (run / name).read_text()
+            parts.append(pages.preformatted(heading, text, content))
+    return parts
+
+
+def training_curves(heading: str, runs: Mapping[str, Path]) -> list[pages.Markup]:
+    """Every logged number that ever changes, over steps: a chart per number with a
+    line per run, by label. Nothing where no run has a log."""
+    found: dict[str, dict[str, charts.Curve]] = {}
+    for label, run in runs.items():
+        for name, curve in _read_curves(run).items():
+            found.setdefault(name, {})[label] = curve
+    if not found:
+        return []
+    text = f"{run_folder.LOG} of each run, over steps."
+    return [pages.Markup(heading, text, charts.curves(found))]
+
+
+def links_to_models(
+    heading: str, root: Path, evaluated: Mapping[str, Path]
+) -> pages.Section:
+    """Links to the pages that eval.py wrote, by label, where there are any."""
+    text = "Each model's own page: all its outputs, its command and configuration."
+    files = {label: folder / "index.html" for label, folder in evaluated.items()}
+    media = tuple(
+        (file.relative_to(root).as_posix(), label)
+        for label, file in files.items()
+        if file.is_file()
+    )
+    return pages.Section(heading, text, media)
+
+
+def this_command() -> pages.Markup:
+    """The command that makes the page."""
+    text = "What made this page; run again, it does what is missing."
+    return pages.preformatted("Command", text, f"python {shlex.join(sys.argv)}")
+
+
+def _read_curves(run: Path) -> dict[str, charts.Curve]:
+    """By name: steps and values of what a run logged and what was not always equal."""
+    rows = run_folder.read_log(run)
+    names = dict.fromkeys(name for row in rows for name in row)
+    curves = {
+        name: [(row["step"], row[name]) for row in rows if name in row]
+        for name in names
+        if name not in NOT_CURVES
+    }
+    return {
+        name: curve
+        for name, curve in curves.items()
+        if len({value for _, value in curve}) > 1
+    }

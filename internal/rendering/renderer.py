@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whole pictures from a trained model, in chunks of rays, on all devices."""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Int
+
+from internal import parallel
+from internal.cameras import Cameras, cast_rays
+from internal.coord import Space
+from internal.enhancements.editing import NEUTRAL, LightEdit
+from internal.models import LitRendering, Model, Rendering
+from internal.training.step import Params
+
+
+class Renderer:
+    """Renders views of ``cameras`` and any others; compiled once per length of lens
+    table, whatever the views' sizes."""
+
+    def __init__(
+        self,
+        model: Model,
+        cameras: Cameras,
+        space: Space,
+        mesh: jax.sharding.Mesh,
+        chunk: int,
+        keep: Callable[[Rendering | LitRendering], Any] = lambda rendering: rendering,
+    ) -> None:
+        """
+        Args:
+            chunk: rays per call.
+            keep: what is wanted of a rendering; the compiler drops what only the
+                rest needs.
+        """
+        devices = mesh.devices.size
+        rays_per_call = -(-chunk // devices) * devices
+        sharding = parallel.batch_sharding(mesh)
+
+        apply: Any = model.apply
+
+        @jax.jit
+        def render_chunk(
+            params: Params,
+            camera: Cameras,
+            space: Space,
+            edit: LightEdit,
+            start: Int[Array, ""],
+        ) -> Any:
+            width, height = camera.widths[0], camera.heights[0]
+            pixel = jnp.minimum(start + jnp.arange(rays_per_call), width * height - 1)
+            pixel = jax.lax.with_sharding_constraint(pixel, sharding)
+            views = jnp.zeros_like(pixel)
+            rays = cast_rays(camera, space, views, pixel % width, pixel // width)
+            return keep(apply({"params": params}, rays, space, edit))
+
+        self._render_chunk = render_chunk
+        self._rays_per_call = rays_per_call
+        self._cameras = cameras
+        self._space = parallel.replicate(space, mesh)
+        self._mesh = mesh
+
+    def view(self, params: Params, view: int, edit: LightEdit = NEUTRAL) -> Any:
+        """What is kept of one view, ``[height, width, channels]``."""
+        return self.picture(params, self._cameras.take(np.array([view])), edit)
+
+    def picture(
+        self, params: Params, camera: Cameras, edit: LightEdit = NEUTRAL
+    ) -> Any:
+        """What a single camera sees, ``[height, width, channels]``."""
+        return assemble(list(self.parts(params, camera, edit)), camera)
+
+    def parts(self, params: Params, camera: Cameras, edit: LightEdit) -> Iterator[Any]:
+        """The picture of a single camera in chunks of rays, for ``assemble``.
+
+        Each chunk is computed when it is asked for, so a caller may stop between
+        two. Cameras whose lens tables have one length share a compilation.
+        """
+        pixels = int(camera.widths[0]) * int(camera.heights[0])
+        placed = parallel.replicate(camera, self._mesh)
+        for start in range(0, pixels, self._rays_per_call):
+            yield self._render_chunk(params, placed, self._space, edit, start)
+
+
+def assemble(parts: Sequence[Any], camera: Cameras) -> Any:
+    """Joins all parts of a single camera's picture, ``[height, width, channels]``."""
+    width, height = int(camera.widths[0]), int(camera.heights[0])
+
+    def join(*chunks: Array) -> Array:
+        # On the host: pictures come in many shapes, and each would be compiled.
+        pixels = np.concatenate([np.asarray(chunk) for chunk in chunks])
+        return jnp.asarray(pixels[: width * height].reshape(height, width, -1))
+
+    return jax.tree.map(join, *parts)

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What ``scene.load_scene`` does to files: checks, lens sizes, split, pictures, truth.
+
+Pictures are read as float sRGB in [0, 1] and returned as uint16, 65535 being 1.0.
+"""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt16
+
+from internal import poses
+from internal.cameras import Lens
+from internal.errors import UserError
+from internal.files import image_io
+from internal.scene import colmap
+from internal.scene.pairing import find_truth_folder, list_pictures, pair_by_name
+from internal.scene.readers.base import SceneFiles
+
+ROTATION_TOLERANCE = 1e-2  # hand-written JSON drifts; a mirror or a scale does not pass
+ASPECT_TOLERANCE = 0.02
+UINT16_ONE = 65535.0
+GAINS_FILE = "exposures.json"  # written by prepare.py
+
+
+@dataclasses.dataclass(frozen=True)
+class Truth:
+    """Normal-light twins of all views; no paths if there are none."""
+
+    paths: tuple[Path, ...]
+    reason: str  # for messages
+
+
+def check_poses(files: SceneFiles) -> None:
+    """Refuses poses that are not finite, rotated axes and a centre.
+
+    Raises:
+        UserError: naming the first bad pose's file and view.
+    """
+    errors = poses.rotation_errors(files.camtoworlds)
+    bad = np.flatnonzero(errors > ROTATION_TOLERANCE)
+    if len(bad) == 0:
+        return
+    first = int(bad[0])
+    finite = np.isfinite(files.camtoworlds[first]).all()
+    fault = "its axes are not a rotation" if finite else "it is not finite"
+    raise UserError(
+        f"{files.pose_paths[first]}: bad pose of {files.names[first]} ({fault}), "
+        f"{len(bad)} of {len(errors)} are bad; expected unit right, up and backward "
+        "axes and a centre: estimate the poses again or remove these views"
+    )
+
+
+def check_lenses(files: SceneFiles) -> None:
+    """Refuses lenses that COLMAP's models do not describe.
+
+    Raises:
+        UserError: naming the first bad lens's file and view.
+    """
+    first_view = {lens: i for i, lens in reversed(list(enumerate(files.lenses)))}
+    for lens, view in first_view.items():
+        try:
+            colmap.half_angle(lens)
+        except UserError as error:
+            where = f"{files.pose_paths[view]}: {files.names[view]}"
+            raise UserError(f"{where}: {error}") from error
+
+
+def fit_lenses(files: SceneFiles, factor: int) -> tuple[Lens, ...]:
+    """The lenses at the size of the pictures as found, divided by ``factor``.
+
+    Raises:
+        UserError: a picture has another shape than its lens.
+    """
+    if factor < 1:
+        raise UserError(f"Config.factor = {factor}: expected 1 or more")
+    fitted = []
+    for path, lens in zip(files.image_paths, files.lenses, strict=True):
+        width, height = image_io.read_size(path)
+        stretch = (width * lens.height) / (height * lens.width)
+        if abs(stretch - 1.0) > ASPECT_TOLERANCE:
+            raise UserError(
+                f"{path}: {width}x{height} pixels, but its lens is stated for "
+                f"{lens.width}x{lens.height}, another shape; use the photos that the "
+                "poses were estimated from (turned by EXIF orientation, not cropped)"
+            )
+        if factor > min(width, height):
+            raise UserError(f"{path}: {width}x{height} pixels over factor {factor}")
+        fitted.append(colmap.scale_lens(lens, width // factor, height // factor))
+    return tuple(fitted)
+
+
+def held_out(files: SceneFiles, holdout: int) -> Bool[np.ndarray, " n"]:
+    """Which views are for testing: as the files say, else views 0, holdout, ..."""
+    if files.test_names is not None:
+        return np.array([name in files.test_names for name in files.names])
+    index = np.arange(len(files.names))
+    return index % holdout == 0 if holdout > 0 else np.zeros(len(index), bool)
+
+
+def find_truth(files: SceneFiles, data_dir: Path, gt_dir: str) -> Truth:
+    """Pairs every view with its normal-light twin, if there is a folder of them.
+
+    Raises:
+        UserError: the folder's pictures cannot be paired.
+    """
+    dark_folders = {path.parent for path in files.image_paths}
+    first_dark = files.image_paths[0].parent
+    folder = data_dir / gt_dir if gt_dir else find_truth_folder(data_dir, first_dark)
+    if folder is None:
+        return Truth((), "none found; Config.gt_dir names its folder")
+    if len(dark_folders) == 1:
+        names = tuple(path.name for path in files.image_paths)
+        paths, rule = pair_by_name(names, folder, list_pictures(first_dark))
+    else:
+        paths, rule = pair_by_name(files.names, folder)
+    pairs = zip(files.image_paths[:3], paths[:3], strict=True)
+    shown = ", ".join(f"{dark.name} -> {bright.name}" for dark, bright in pairs)
+    return Truth(paths, f"{folder}, paired by {rule}: {shown}")
+
+
+def load_picture(path: Path, lens: Lens) -> UInt16[np.ndarray, "_h _w 3"]:
+    """A picture at the size of its lens."""
+    return _shrink(image_io.read_srgb(path), lens)
+
+
+def load_gains(
+    data_dir: Path, image_paths: Sequence[Path], wanted: bool
+) -> Float[np.ndarray, "n 3"]:
+    """Linear light of each photo over the scene's; ones without a file of them.
+
+    The file names a photo by its path inside the folder of photos.
+
+    Raises:
+        UserError: the file cannot be read, or a photo's gain is missing or senseless.
+    """
+    path = data_dir / GAINS_FILE
+    if not (wanted and path.is_file()):
+        return np.ones((len(image_paths), 3), np.float32)
+    try:
+        stored = json.loads(path.read_text())["gains"]
+        rows = []
+        for photo in map(Path.as_posix, image_paths):
+            own = [name for name in stored if photo.endswith(f"/{name}")]
+            rows.append(stored[max(own, key=len)])
+        gains = np.array(rows, np.float32)
+    except (ValueError, KeyError, TypeError) as error:
+        raise UserError(
+            f"{path}: no gain for every photo ({error!r}); run prepare.py again, "
+            "delete the file, or set Config.photo_gains = False"
+        ) from error
+    if gains.shape != (len(image_paths), 3) or not np.all(
+        (gains > 0) & (gains < np.inf)
+    ):
+        raise UserError(
+            f"{path}: expected three positive numbers per photo; run prepare.py again, "
+            "delete the file, or set Config.photo_gains = False"
+        )
+    return gains
+
+
+def load_truth(
+    path: Path, dark_path: Path, lens: Lens
+) -> UInt16[np.ndarray, "_h _w 3"]:
+    """A normal-light twin at the size of the dark picture's lens.
+
+    Raises:
+        UserError: the sizes differ by more than one pixel.
+    """
+    truth = image_io.read_srgb(path)
+    height, width, _ = truth.shape
+    dark_width, dark_height = image_io.read_size(dark_path)
+    difference = max(abs(width - dark_width), abs(height - dark_height))
+    if difference > 1:
+        raise UserError(
+            f"{path}: {width}x{height} pixels, but the dark {dark_path} has "
+            f"{dark_width}x{dark_height}; truth must show the same pixels: "
+            "resize it or point Config.gt_dir elsewhere"
+        )
+    if difference == 1:
+        print(f"warning: {path}: one pixel off {dark_path}; resized to its size")
+    return _shrink(truth, lens)
+
+
+def _shrink(
+    srgb: Float[np.ndarray, "_h _w 3"], lens: Lens
+) -> UInt16[np.ndarray, "_h2 _w2 3"]:
+    if srgb.shape[:2] != (lens.height, lens.width):
+        srgb = image_io.resize_area(srgb, lens.width, lens.height)
+    return np.round(np.clip(srgb, 0.0, 1.0) * UINT16_ONE).astype(np.uint16)

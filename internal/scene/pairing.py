@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Folders of pictures, and which picture of one belongs to which of another.
+
+A *name* is a path relative to its folder, in POSIX spelling ("1.JPG",
+"left/1.JPG"). A dark folder and the folder of its normal-light twins lie side by
+side: ``low`` (or ``images``, ...) and one of ``TRUTH_FOLDERS``.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path, PurePosixPath
+
+from internal.errors import UserError
+from internal.files import image_io
+
+DARK_FOLDER = "low"
+TRUTH_FOLDERS = ("high", "normal", "gt", "images_normal")
+
+
+def find_input_folder(data_dir: Path, images_dir: str) -> Path:
+    """The folder of input pictures of a scene whose pose file names no folder.
+
+    ``images_dir`` if given; else ``images``, ``low``, or the ``images_N`` of the
+    highest resolution.
+
+    Raises:
+        UserError: there is none.
+    """
+    scaled = sorted(
+        (int(match[1]), path)
+        for path in data_dir.iterdir()
+        if (match := re.fullmatch(r"images_(\d+)", path.name))
+    )
+    standard = [data_dir / "images", data_dir / DARK_FOLDER, *(p for _, p in scaled)]
+    for folder in [data_dir / images_dir] if images_dir else standard:
+        if folder.is_dir():
+            return folder
+    looked_for = images_dir or f"images, {DARK_FOLDER} or images_N"
+    raise UserError(
+        f"{data_dir}: no folder of pictures; looked for {looked_for}: put the photos "
+        "there or name their folder with Config.images_dir"
+    )
+
+
+def find_truth_folder(data_dir: Path, dark: Path) -> Path | None:
+    """The folder of normal-light twins beside the dark one or in the scene."""
+    for parent in (dark.parent, data_dir):
+        for name in TRUTH_FOLDERS:
+            if (parent / name).is_dir():
+                return parent / name
+    return None
+
+
+def dark_twin(path: Path) -> Path:
+    """The path in ``low`` of a picture listed in a truth folder beside it.
+
+    LOM lists its test views by their normal-light pictures; the method's input is
+    the dark one. Other paths are returned as they are.
+    """
+    dark = path.parent.parent / DARK_FOLDER
+    has_twin = path.parent.name in TRUTH_FOLDERS and dark.is_dir()
+    return dark / path.name if has_twin else path
+
+
+def list_pictures(folder: Path) -> tuple[str, ...]:
+    """Sorted names of all pictures in a folder and its subfolders.
+
+    Raises:
+        UserError: the folder is missing or holds no picture.
+    """
+    if not folder.is_dir():
+        raise UserError(f"{folder}: folder of pictures not found; check the path")
+    files = [path for path in folder.rglob("*") if not path.name.startswith(".")]
+    names = [p.relative_to(folder).as_posix() for p in files if image_io.is_image(p)]
+    if not names:
+        hint = "copy the photos there"
+        if any(path.suffix.lower() in image_io.RAW_EXTENSIONS for path in files):
+            hint = "RAW photos must be developed to JPEG or PNG first"
+        raise UserError(f"{folder}: no picture (PNG, JPEG, TIFF, ...) in it; {hint}")
+    return tuple(sorted(names))
+
+
+def pair_by_name(
+    names: Sequence[str], folder: Path, population: Sequence[str] = ()
+) -> tuple[tuple[Path, ...], str]:
+    """Finds the partner of each name in a folder, and says by which rule.
+
+    One rule pairs all names: the first of equal names, equal stems, stems equal
+    up to case, the same single number in the file name ("enh_1.png" and "1.JPG"),
+    or the same place in natural order. The last only where both sides count
+    alike; ``population`` names the pictures on the side of ``names`` that have no
+    pose, which also take a place.
+
+    Raises:
+        UserError: no rule gives every name one partner of its own.
+    """
+    candidates = list_pictures(folder)
+    for rule, key in _KEYS:
+        partners = _pair_by_key(names, candidates, key)
+        if partners:
+            return tuple(folder / partner for partner in partners), rule
+    everyone = sorted({*names, *population}, key=_natural)
+    if len(everyone) == len(candidates):
+        place = dict(zip(everyone, sorted(candidates, key=_natural), strict=True))
+        return tuple(folder / place[name] for name in names), "sorted order"
+    stems = {_folded(candidate) for candidate in candidates}
+    lonely = [name for name in names if _folded(name) not in stems] or list(names)
+    raise UserError(
+        f"{folder}: cannot pair its {len(candidates)} pictures with {len(everyone)} "
+        f"views by name, e.g. {lonely[0]!r} has no partner and {candidates[0]!r} is "
+        "there; give both the same file names, or the same number of pictures"
+    )
+
+
+def flat_png(name: str) -> str:
+    """The file name of a PNG of that picture where there are no folders: "1.JPG" is
+    "1.png", "left/1.JPG" is "left_1.png"."""
+    parts = PurePosixPath(name).with_suffix("").parts
+    return "_".join(part for part in parts if part.strip("/.")) + ".png"
+
+
+def _pair_by_key(
+    names: Sequence[str], candidates: Sequence[str], key: Callable[[str], str]
+) -> list[str]:
+    """Partners with equal keys, or none if a key is missing, empty or shared."""
+    keys = [key(name) for name in names]
+    counts = Counter(map(key, candidates))
+    if len(set(keys)) < len(keys) or any(not k or counts[k] != 1 for k in keys):
+        return []
+    by_key = {key(candidate): candidate for candidate in candidates}
+    return [by_key[k] for k in keys]
+
+
+def _stem(name: str) -> str:
+    return PurePosixPath(name).with_suffix("").as_posix()
+
+
+def _folded(name: str) -> str:
+    return _stem(name).casefold()
+
+
+def _number(name: str) -> str:
+    """The one number in a file name, without leading zeros; "" if not just one."""
+    numbers = re.findall(r"\d+", PurePosixPath(name).stem)
+    return str(int(numbers[0])) if len(numbers) == 1 else ""
+
+
+def _natural(name: str) -> list[tuple[int, int, str]]:
+    """Sort key under which "2.png" comes before "10.png"."""
+    parts = re.findall(r"\d+|\D+", name)
+    return [(0, int(p), "") if p.isdecimal() else (1, 0, p.casefold()) for p in parts]
+
+
+_KEYS: tuple[tuple[str, Callable[[str], str]], ...] = (
+    ("equal names", str),
+    ("equal names up to the extension", _stem),
+    ("equal names up to case and extension", _folded),
+    ("equal numbers in the names", _number),
+)

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scene formats: detection by what a folder contains, or by a forced name.
+
+Where several formats match, the first of ``READERS`` wins: the more specific a
+file is to NeRF, the earlier it comes.
+"""
+
+from pathlib import Path
+
+from internal.errors import UserError
+from internal.scene.readers import colmap, llff, transforms
+from internal.scene.readers.base import Reader, SceneFiles
+
+READERS: tuple[Reader, ...] = (
+    transforms.BLENDER,
+    transforms.NERFSTUDIO,
+    llff.LLFF,
+    colmap.COLMAP,
+)
+SHOWN_ENTRIES = 8
+
+
+def read_files(data_dir: Path, dataset_loader: str, images_dir: str) -> SceneFiles:
+    """Reads a scene's folder as ``dataset_loader`` says ("auto" detects).
+
+    Raises:
+        UserError: the folder is missing, is no scene of that format, or is broken.
+    """
+    if not data_dir.is_dir():
+        raise UserError(f"{data_dir}: scene folder not found; check Config.data_dir")
+    names = [reader.name for reader in READERS]
+    if dataset_loader not in ("auto", *names):
+        raise UserError(
+            f"unknown dataset_loader {dataset_loader!r}; choose auto, "
+            f"{', '.join(names)}"
+        )
+    asked = [r for r in READERS if dataset_loader in ("auto", r.name)]
+    for reader in asked:
+        if reader.matches(data_dir):
+            return reader.read(data_dir, images_dir)
+    looked_for = "; ".join(f"{r.name}: {r.looked_for}" for r in asked)
+    raise UserError(
+        f"{data_dir}: no scene found. Looked for {looked_for}. "
+        f"The folder contains {_contents(data_dir)}"
+    )
+
+
+def _contents(folder: Path) -> str:
+    names = sorted(p.name + "/" * p.is_dir() for p in folder.iterdir())
+    more = len(names) - SHOWN_ENTRIES
+    shown = ", ".join(names[:SHOWN_ENTRIES]) or "nothing"
+    return f"{shown} and {more} more" if more > 0 else shown

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""LLFF scenes: ``poses_bounds.npy`` beside a folder of pictures.
+
+Each row holds a 3x5 matrix and two depths. The matrix has the camera's down,
+right and backward axes, its centre, and (height, width, focal length) in pixels
+of the full-size photos. Row i belongs to the i-th picture in order of names.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from internal.cameras import Lens
+from internal.errors import UserError
+from internal.scene.pairing import find_input_folder, list_pictures
+from internal.scene.readers.base import Reader, SceneFiles
+
+POSES_FILE = "poses_bounds.npy"
+
+
+def matches(data_dir: Path) -> bool:
+    return (data_dir / POSES_FILE).is_file()
+
+
+def read(data_dir: Path, images_dir: str) -> SceneFiles:
+    """Reads the poses and pairs them with the pictures of a folder.
+
+    Raises:
+        UserError: the file is broken, or poses and pictures do not count alike.
+    """
+    poses_path = data_dir / POSES_FILE
+    rows = _read_rows(poses_path)
+    folder = find_input_folder(data_dir, images_dir)
+    names = list_pictures(folder)
+    if len(names) != len(rows):
+        raise UserError(
+            f"{poses_path}: {len(rows)} poses but {len(names)} pictures in {folder}; "
+            "poses belong to pictures by sorted order, so the counts must agree: "
+            "remove the pictures that have no pose"
+        )
+    matrices = rows[:, :15].reshape(-1, 3, 5)
+    return SceneFiles(
+        format=LLFF.name,
+        names=names,
+        pose_paths=(poses_path,) * len(names),
+        image_paths=tuple(folder / name for name in names),
+        lenses=tuple(_lens(*map(float, hwf)) for hwf in matrices[:, :, 4]),
+        camtoworlds=_opengl_from_llff(matrices[:, :, :4]),
+        points=np.empty((0, 3)),
+        bounds=rows[:, 15:],
+        test_names=None,
+    )
+
+
+def _read_rows(path: Path) -> Float[np.ndarray, "n 17"]:
+    try:
+        rows = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError, OSError) as error:
+        raise UserError(f"{path}: not a NumPy file ({error}); copy it again") from error
+    if rows.ndim != 2 or rows.shape[1] != 17:
+        raise UserError(
+            f"{path}: shape {rows.shape}; expected (views, 17), as written by LLFF's "
+            "imgs2poses.py"
+        )
+    rows = rows.astype(np.float64)
+    broken = ~np.isfinite(rows[:, [4, 9, 14, 15, 16]]).all(axis=1)
+    if broken.any() or (rows[:, [4, 9, 14]] <= 0.0).any():
+        raise UserError(
+            f"{path}: picture size, focal length or depths of row "
+            f"{int(broken.argmax())} are not positive numbers; run LLFF's "
+            "imgs2poses.py again"
+        )
+    return rows
+
+
+def _lens(height: float, width: float, focal: float) -> Lens:
+    size = round(width), round(height)
+    return Lens("SIMPLE_PINHOLE", *size, (focal, size[0] / 2.0, size[1] / 2.0))
+
+
+def _opengl_from_llff(
+    poses: Float[np.ndarray, "n 3 4"],
+) -> Float[np.ndarray, "n 3 4"]:
+    down, right, backward, centre = np.moveaxis(poses, -1, 0)
+    return np.stack([right, -down, backward, centre], axis=-1)
+
+
+LLFF = Reader("llff", POSES_FILE, matches, read)

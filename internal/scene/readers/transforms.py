@@ -1,0 +1,318 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scenes whose poses are JSON: ``transforms*.json`` in its two customs.
+
+``blender``: one file per split, ``transforms_{train,val,test}.json`` (NeRF's
+synthetic scenes, LOM, RealX3D). ``val`` is read only where there is no ``test``.
+``nerfstudio``: one ``transforms.json`` (instant-ngp, nerfstudio), whose split is
+``train_filenames`` and ``test_filenames`` where it has them.
+
+Both: OpenGL camera-to-world matrices; intrinsics in pixels of the stated ``w`` by
+``h``, global or per frame, or ``camera_angle_x`` alone; ``near`` and ``far`` as
+optional depths. A picture listed in a normal-light folder stands for its dark
+twin. Sparse points come from a COLMAP model beside the file, moved by the
+similarity that takes its camera centres to the JSON's; so files that state an
+``applied_transform`` need no special case.
+"""
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from internal import poses
+from internal.cameras import Lens
+from internal.errors import UserError
+from internal.files import image_io
+from internal.scene import colmap
+from internal.scene.pairing import dark_twin, pair_by_name
+from internal.scene.readers.base import Reader, SceneFiles
+
+SPLIT_FILE = "transforms_{}.json"
+SINGLE_FILE = "transforms.json"
+LARGEST_NUMBER = 1e9  # of pixels or depths; also finite
+WORST_FIT = 0.01  # of the spread of the camera centres
+WORST_AXES = 0.05  # between unit vectors: 3 degrees
+PERSPECTIVE_TERMS = ("k1", "k2", "p1", "p2")
+RATIONAL_TERMS = (*PERSPECTIVE_TERMS, "k3", "k4", "k5", "k6")
+FISHEYE_TERMS = ("k1", "k2", "k3", "k4")
+FISHEYE_MODELS = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
+PERSPECTIVE_MODELS = (
+    *("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL"),
+    *("OPENCV", "FULL_OPENCV", "PERSPECTIVE"),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Frame:
+    """One entry of ``frames`` with the file-wide values it inherits."""
+
+    json_path: Path
+    image_path: Path  # as listed, or its dark twin
+    values: Mapping[str, Any]
+    is_test: bool
+
+
+def _matches_blender(data_dir: Path) -> bool:
+    return (data_dir / SPLIT_FILE.format("train")).is_file()
+
+
+def _matches_nerfstudio(data_dir: Path) -> bool:
+    return (data_dir / SINGLE_FILE).is_file()
+
+
+def read_blender(data_dir: Path, images_dir: str) -> SceneFiles:
+    """Reads one JSON file per split.
+
+    Raises:
+        UserError: a file is broken, or a picture is missing.
+    """
+    paths = {s: data_dir / SPLIT_FILE.format(s) for s in ("train", "val", "test")}
+    held_out = next((s for s in ("test", "val") if paths[s].is_file()), None)
+    frames = _read_frames(paths["train"], is_test=False)
+    if held_out:
+        frames += _read_frames(paths[held_out], is_test=True)
+    return _scene_files(BLENDER.name, data_dir, images_dir, frames)
+
+
+def read_nerfstudio(data_dir: Path, images_dir: str) -> SceneFiles:
+    """Reads one JSON file for all views.
+
+    Raises:
+        UserError: the file is broken, or a picture is missing.
+    """
+    frames = _read_frames(data_dir / SINGLE_FILE, is_test=False)
+    test = _listed(frames[0], "test_filenames") or _listed(frames[0], "val_filenames")
+    train = _listed(frames[0], "train_filenames")
+    frames = [
+        dataclasses.replace(frame, is_test=frame.values["file_path"] in test)
+        for frame in frames
+        if not train or frame.values["file_path"] in train | test
+    ]
+    if not frames:
+        raise UserError(
+            f"{data_dir / SINGLE_FILE}: train_filenames and test_filenames name no "
+            "file_path of its frames; write them alike"
+        )
+    return _scene_files(NERFSTUDIO.name, data_dir, images_dir, frames)
+
+
+def _read_frames(path: Path, is_test: bool) -> list[_Frame]:
+    try:
+        content = json.loads(path.read_text())
+    except (ValueError, OSError) as error:
+        raise UserError(f"{path}: not a JSON file ({error}); write it again") from error
+    frames = content.get("frames") if isinstance(content, dict) else None
+    if not isinstance(frames, list) or not frames:
+        raise UserError(f'{path}: no "frames"; expected a NeRF transforms file')
+    shared = {key: value for key, value in content.items() if key != "frames"}
+    for index, frame in enumerate(frames):
+        if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+            raise UserError(f'{path}: frame {index} has no "file_path"')
+    return [
+        _Frame(path, dark_twin(path.parent / f["file_path"]), {**shared, **f}, is_test)
+        for f in frames
+    ]
+
+
+def _scene_files(
+    name: str, data_dir: Path, images_dir: str, frames: Sequence[_Frame]
+) -> SceneFiles:
+    if not images_dir:
+        frames = [
+            dataclasses.replace(frame, image_path=_find_picture(frame))
+            for frame in frames
+        ]
+    # A picture listed for training and for testing is held out: the last one wins.
+    unique = {frame.image_path: frame for frame in frames}
+    by_name = dict(sorted(zip(_names(unique, data_dir), unique.values(), strict=True)))
+    names = tuple(by_name)
+    image_paths = tuple(frame.image_path for frame in by_name.values())
+    if images_dir:
+        image_paths, _ = pair_by_name(names, data_dir / images_dir)
+    camtoworlds = np.stack([_camtoworld(frame) for frame in by_name.values()])
+    test_names = frozenset(n for n, frame in by_name.items() if frame.is_test)
+    return SceneFiles(
+        format=name,
+        names=names,
+        pose_paths=tuple(frame.json_path for frame in by_name.values()),
+        image_paths=image_paths,
+        lenses=tuple(_lens(frame) for frame in by_name.values()),
+        camtoworlds=camtoworlds,
+        points=_sparse_points(data_dir, names, camtoworlds),
+        bounds=_bounds(frames[0]),
+        test_names=test_names or None,
+    )
+
+
+def _names(paths: Iterable[Path], data_dir: Path) -> list[str]:
+    """File names, or paths from the scene's folder where those are ambiguous."""
+    paths = list(paths)
+    short = [path.name for path in paths]
+    if len(set(short)) == len(short):
+        return short
+    inside = [path.is_relative_to(data_dir) for path in paths]
+    return [
+        (path.relative_to(data_dir) if is_inside else path).as_posix()
+        for path, is_inside in zip(paths, inside, strict=True)
+    ]
+
+
+def _listed(frame: _Frame, key: str) -> set[str]:
+    """The file paths that the file lists under a key; none where it has none."""
+    names = frame.values.get(key) or []
+    if not isinstance(names, list) or not all(isinstance(n, str) for n in names):
+        raise UserError(
+            f"{frame.json_path}: {key} is {str(names)[:60]}; expected a list of the "
+            "file_path of frames"
+        )
+    return set(names)
+
+
+def _find_picture(frame: _Frame) -> Path:
+    """The listed file; or the one of that stem, with any extension or case."""
+    path = frame.image_path
+    if path.is_file():
+        return path
+    stems = {path.name.casefold(), path.stem.casefold()}
+    alike = sorted(
+        other
+        for other in path.parent.glob("*")
+        if other.stem.casefold() in stems and image_io.is_image(other)
+    )
+    if not alike:
+        raise UserError(
+            f"{path}: image not found, but {frame.json_path} lists it; copy it there "
+            "or remove its frame"
+        )
+    return alike[0]
+
+
+def _camtoworld(frame: _Frame) -> Float[np.ndarray, "3 4"]:
+    try:
+        matrix = np.array(frame.values.get("transform_matrix"), np.float64)
+    except (TypeError, ValueError):
+        matrix = np.empty(0)
+    if matrix.shape not in ((3, 4), (4, 4)):
+        raise UserError(
+            f"{frame.json_path}: transform_matrix of {frame.image_path.name} is not a "
+            "4x4 camera-to-world matrix"
+        )
+    return matrix[:3]
+
+
+def _lens(frame: _Frame) -> Lens:
+    width, height = _stated_size(frame)
+    model = str(frame.values.get("camera_model", "OPENCV")).upper()
+    if frame.values.get("is_fisheye", False):
+        model = "OPENCV_FISHEYE"
+    if model == "EQUIRECTANGULAR":
+        return Lens(model, width, height, (float(width), float(height)))
+    if model not in PERSPECTIVE_MODELS + FISHEYE_MODELS:
+        raise UserError(
+            f"{frame.json_path}: unknown camera_model {model!r}; expected one of "
+            f"{', '.join(PERSPECTIVE_MODELS + FISHEYE_MODELS)}, EQUIRECTANGULAR"
+        )
+    pinhole = (
+        *_focal_lengths(frame, width, height),
+        _number(frame, "cx", width / 2.0),
+        _number(frame, "cy", height / 2.0),
+    )
+    if model in FISHEYE_MODELS:
+        distortion = tuple(_number(frame, key, 0.0) for key in FISHEYE_TERMS)
+        return Lens("OPENCV_FISHEYE", width, height, pinhole + distortion)
+    distortion = tuple(_number(frame, key, 0.0) for key in RATIONAL_TERMS)
+    if any(distortion[len(PERSPECTIVE_TERMS) :]):
+        return Lens("FULL_OPENCV", width, height, pinhole + distortion)
+    if any(distortion):
+        params = pinhole + distortion[: len(PERSPECTIVE_TERMS)]
+        return Lens("OPENCV", width, height, params)
+    return Lens("PINHOLE", width, height, pinhole)
+
+
+def _stated_size(frame: _Frame) -> tuple[int, int]:
+    """(width, height) in pixels as stated, else of the picture itself."""
+    if not {"w", "h"} <= frame.values.keys():
+        return image_io.read_size(_find_picture(frame))
+    width, height = round(_number(frame, "w", 0.0)), round(_number(frame, "h", 0.0))
+    if min(width, height) < 1:
+        raise UserError(f"{frame.json_path}: picture size {width}x{height} is empty")
+    return width, height
+
+
+def _focal_lengths(frame: _Frame, width: int, height: int) -> tuple[float, float]:
+    """(fx, fy) in pixels, from focal lengths or fields of view; square pixels if
+    only one is stated."""
+    stated = []
+    for axis, pixels in (("x", width), ("y", height)):
+        fov = _number(frame, f"camera_angle_{axis}", 0.0)
+        from_fov = pixels / (2.0 * math.tan(fov / 2.0)) if fov else 0.0
+        stated.append(_number(frame, f"fl_{axis}", from_fov))
+    fx, fy = stated[0] or stated[1], stated[1] or stated[0]
+    if fx <= 0.0 or fy <= 0.0:
+        raise UserError(
+            f"{frame.json_path}: no focal length for {frame.image_path.name}; expected "
+            "fl_x and fl_y in pixels or camera_angle_x in radians"
+        )
+    return fx, fy
+
+
+def _number(frame: _Frame, key: str, default: float) -> float:
+    value = frame.values.get(key, default)
+    if not isinstance(value, int | float) or not abs(value) < LARGEST_NUMBER:
+        raise UserError(
+            f"{frame.json_path}: {key} of {frame.image_path.name} is "
+            f"{repr(value)[:60]}; expected a finite number"
+        )
+    return float(value)
+
+
+def _bounds(frame: _Frame) -> Float[np.ndarray, "b 2"]:
+    if not {"near", "far"} <= frame.values.keys():
+        return np.empty((0, 2))
+    return np.array([[_number(frame, "near", 0.0), _number(frame, "far", 0.0)]])
+
+
+def _sparse_points(
+    data_dir: Path, names: Sequence[str], camtoworlds: Float[np.ndarray, "n 3 4"]
+) -> Float[np.ndarray, "m 3"]:
+    """The points of a COLMAP model beside the JSON, in the JSON's frame.
+
+    None, with a warning, where the two do not show the same cameras: the
+    similarity is fitted to the centres and checked on them and on the axes.
+    """
+    nothing = np.empty((0, 3))
+    folder = colmap.find_model(data_dir)
+    if folder is None:
+        return nothing
+    model = colmap.read_model(folder)
+    theirs = {PurePosixPath(name).name: i for i, name in enumerate(model.names)}
+    ours = {PurePosixPath(name).name: i for i, name in enumerate(names)}
+    common = sorted(ours.keys() & theirs.keys())
+    source = model.camtoworlds[[theirs[name] for name in common]]
+    target = camtoworlds[[ours[name] for name in common]]
+    if len(common) < 3 or not np.isfinite(target).all():
+        print(f"warning: {folder}: fewer than 3 images have poses; points not used")
+        return nothing
+    similarity = poses.fit_similarity(source[:, :, 3], target[:, :, 3])
+    error = np.abs(poses.transform_poses(similarity, source) - target)
+    spread = np.linalg.norm(np.std(target[:, :, 3], axis=0))
+    if error[:, :, 3].max() > WORST_FIT * spread or error[:, :, :3].max() > WORST_AXES:
+        print(
+            f"warning: {folder}: its cameras are not those of the JSON; points not used"
+        )
+        return nothing
+    return poses.transform_points(similarity, model.points)
+
+
+BLENDER = Reader(
+    "blender",
+    "transforms_train.json (with transforms_test.json or transforms_val.json)",
+    _matches_blender,
+    read_blender,
+)
+NERFSTUDIO = Reader("nerfstudio", SINGLE_FILE, _matches_nerfstudio, read_nerfstudio)

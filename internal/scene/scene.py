@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scene: dark pictures, cameras, bounds, split, and truth where there is any.
+
+Readers (``internal/readers``) turn a folder into ``SceneFiles`` and share nothing
+but that structure; ``load_scene`` turns ``SceneFiles`` into a ``Scene``, by the
+steps of ``internal/scene_loading.py`` and ``internal/extent.py``.
+Pictures are kept as uint16 sRGB (65535 is 1.0): 8-bit levels are exact in it and
+an area average keeps the precision it gained.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from internal.cameras import Cameras, Lens
+from internal.coord import ForwardFacing, Unbounded
+from internal.errors import UserError
+from internal.files.picture_store import Picture, hold
+from internal.poses import transform_poses
+from internal.scene import readers
+from internal.scene.colmap import lens_directions
+from internal.scene.extent import Bounds, Frame, choose_frame, find_bounds
+from internal.scene.loading import (
+    GAINS_FILE,
+    UINT16_ONE,
+    Truth,
+    check_lenses,
+    check_poses,
+    find_truth,
+    fit_lenses,
+    held_out,
+    load_gains,
+    load_picture,
+    load_truth,
+)
+from internal.scene.noise import Noise, noise_of_files
+from internal.scene.readers.base import SceneFiles
+
+# LOM's dark pictures average 0.05 to 0.1 in sRGB, their normal-light twins 0.5.
+BRIGHT_MEAN = 0.35
+SPLITS = ("train", "test")
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """One split of a scene, loaded, in the frame the model is trained in."""
+
+    name: str
+    format: str
+    split: str  # "train" or "test"
+    view_names: tuple[str, ...]
+    image_paths: tuple[Path, ...]  # files of ``images``
+    lenses: tuple[Lens, ...]  # at the size of ``images``
+    cameras: Cameras  # NumPy arrays, model frame
+    images: Sequence[Picture]  # dark input
+    truth: Sequence[Picture]  # () without paired truth
+    space: ForwardFacing | Unbounded
+    near: float  # depth, in the pose file's units
+    far: float
+    model_from_world: Float[np.ndarray, "4 4"]  # similarity: pose file to model
+
+    @functools.cached_property
+    def brightness(self) -> float:
+        """Mean of the pictures, sRGB in [0, 1]."""
+        return float(np.mean([image.mean() for image in self.images])) / UINT16_ONE
+
+    @functools.cached_property
+    def noise(self) -> Noise:
+        """Noise of the photos' own pixels, estimated from the files."""
+        return noise_of_files(self.image_paths)
+
+
+def load_scene(
+    data_dir: Path,
+    *,
+    split: str,
+    dataset_loader: str = "auto",
+    factor: int = 1,
+    images_dir: str = "",
+    gt_dir: str = "",
+    near: float = 0.0,
+    far: float = 0.0,
+    projection: str = "auto",
+    end_at_far: bool = False,
+    holdout: int = 8,
+    photo_gains: bool = True,
+    max_image_memory: float = np.inf,
+) -> Scene:
+    """Loads one split of a scene and prints what was found and how.
+
+    Everything but the pictures is decided from all views, so the splits of a scene
+    agree on frame and bounds.
+
+    Args:
+        data_dir: the scene's folder.
+        split: "train" or "test".
+        dataset_loader: name of a reader, or "auto" to detect the format.
+        factor: pictures shrink by it, by area average of their sRGB values.
+        images_dir: folder in ``data_dir`` to take the input pictures from instead
+            of the one the pose file states.
+        gt_dir: folder of normal-light truth, absolute or in ``data_dir``; "" looks
+            beside the dark pictures (``pairing.TRUTH_FOLDERS``).
+        near: depth before which there is nothing, in the pose file's units; 0 takes
+            the pose file's, or estimates it from sparse points.
+        far: likewise the depth past which there is nothing.
+        projection: "ndc" for cameras that face one way, "contract" for any others,
+            "auto" to detect.
+        end_at_far: with "ndc", rays end at ``far`` and not at infinity.
+        holdout: every ``holdout``-th view, from the first, is a test view if the
+            files state no split; 0 trains on all.
+        photo_gains: the light of each photo over the scene's, from the file that
+            prepare.py writes, where there is one; training then explains the photos
+            by it and renderings are free of it. Not for other ``images_dir``.
+        max_image_memory: gigabytes of pictures to keep in memory; more lie in a
+            temporary file.
+
+    Raises:
+        UserError: anything about the input that the user has to fix.
+    """
+    if split not in SPLITS:
+        raise UserError(f"unknown split {split!r}; choose {' or '.join(SPLITS)}")
+    files = readers.read_files(data_dir, dataset_loader, images_dir)
+    check_poses(files)
+    check_lenses(files)
+    lenses = fit_lenses(files, factor)
+    is_test = held_out(files, holdout)
+    trained = int((~is_test).sum())
+    if trained < 2:
+        raise UserError(
+            f"{data_dir}: {trained} training views of {len(is_test)}; expected at "
+            "least 2: add photos, or hold out fewer for testing (Config.holdout)"
+        )
+    bounds = find_bounds(files, lenses, ~is_test, near, far)
+    frame = choose_frame(files, lenses, bounds, projection, end_at_far)
+    truth = find_truth(files, data_dir, gt_dir)
+    own_photos = photo_gains and not images_dir
+    gains = load_gains(data_dir, files.image_paths, own_photos)
+
+    views = np.flatnonzero(is_test == (split == "test"))
+    if len(views) == 0:
+        raise UserError(f"{data_dir}: no test views; set Config.holdout above 0")
+    own_lenses = tuple(lenses[v] for v in views)
+    camtoworlds = transform_poses(frame.model_from_world, files.camtoworlds[views])
+    scene = Scene(
+        name=data_dir.resolve().name,
+        format=files.format,
+        split=split,
+        view_names=tuple(files.names[v] for v in views),
+        image_paths=tuple(files.image_paths[v] for v in views),
+        lenses=own_lenses,
+        cameras=dataclasses.replace(
+            posed_cameras(own_lenses, camtoworlds), gains=gains[views]
+        ),
+        images=hold(
+            (load_picture(files.image_paths[v], lenses[v]) for v in views),
+            max_image_memory,
+        ),
+        truth=hold(
+            (
+                load_truth(truth.paths[v], files.image_paths[v], lenses[v])
+                for v in views
+                if truth.paths
+            ),
+            max_image_memory,
+        ),
+        space=frame.space,
+        near=bounds.near,
+        far=bounds.far,
+        model_from_world=frame.model_from_world,
+    )
+    _report(scene, files, is_test, bounds, frame, truth)
+    if not images_dir:  # else the user chose, and LLE + NeRF chooses bright photos
+        _warn_of_normal_light(scene)
+    return scene
+
+
+def posed_cameras(
+    lenses: Sequence[Lens], camtoworlds: Float[np.ndarray, "n 3 4"]
+) -> Cameras:
+    """Cameras with these lenses; tables of different ones lie end to end."""
+    different = list(dict.fromkeys(lenses))
+    sizes = [lens.width * lens.height for lens in different]
+    starts = dict(zip(different, np.cumsum([0, *sizes]), strict=False))
+    return Cameras(
+        camtoworlds=camtoworlds.astype(np.float32),
+        directions=np.concatenate([lens_directions(lens) for lens in different]),
+        table_starts=np.array([starts[lens] for lens in lenses], np.int32),
+        widths=np.array([lens.width for lens in lenses], np.int32),
+        heights=np.array([lens.height for lens in lenses], np.int32),
+        gains=np.ones((len(lenses), 3), np.float32),
+    )
+
+
+def _report(
+    scene: Scene,
+    files: SceneFiles,
+    is_test: Bool[np.ndarray, " n"],
+    bounds: Bounds,
+    frame: Frame,
+    truth: Truth,
+) -> None:
+    """Prints what was found and decided."""
+    sizes = {f"{lens.width}x{lens.height}" for lens in scene.lenses}
+    models = {lens.model for lens in scene.lenses}
+    print(
+        f"scene {scene.name}: format {files.format}, {len(is_test)} views "
+        f"({(~is_test).sum()} train, {is_test.sum()} test), loading {scene.split}\n"
+        f"  pictures: {', '.join(sorted(sizes))} pixels, {', '.join(sorted(models))} "
+        f"lens, mean brightness {255 * scene.brightness:.1f} of 255\n"
+        f"  depth: near {bounds.near:.4g}, far {bounds.far:.4g} ({bounds.source}), "
+        f"{len(files.points)} sparse points\n"
+        f"  projection: {frame.reason}\n"
+        f"  exposures: {_describe_gains(np.asarray(scene.cameras.gains))}\n"
+        f"  truth: {truth.reason}"
+    )
+
+
+def _describe_gains(gains: Float[np.ndarray, "n 3"]) -> str:
+    if np.all(gains == 1.0):
+        return "equal"
+    stops = np.log2(gains).mean(axis=-1)
+    return f"differ, {stops.min():+.2f} to {stops.max():+.2f} stops ({GAINS_FILE})"
+
+
+def _warn_of_normal_light(scene: Scene) -> None:
+    if scene.brightness > BRIGHT_MEAN:
+        print(
+            f"WARNING: this does not look like a low-light scene: mean brightness "
+            f"{255 * scene.brightness:.0f} of 255. The enhancement is made for dark "
+            "photos; give the dark folder with Config.images_dir"
+        )

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scores of test views, and the trivial baselines beside them.
+
+Scores of a view are ``{"dark": {...}}`` against its dark photo and, where it has a
+normal-light truth, ``{"enhanced": {...}}`` and one entry per baseline against that
+truth; one baseline, ``unchanged``, is the dark rendering itself. Pictures are
+[height, width, 3] sRGB in [0, 1].
+"""
+
+import json
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from internal import color
+from internal.models import LitRendering, Rendering
+from internal.pages.pages import Table
+from internal.scoring import baselines, metrics
+
+Scores = dict[str, dict[str, float]]
+Pictures = dict[str, Float[np.ndarray, "_height _width 3"]]  # by name
+
+DEFINITIONS = {
+    "psnr": "PSNR (dB)",
+    "ssim": "SSIM",
+    "lpips": "LPIPS (AlexNet)",
+    "psnr_exposure_matched": "PSNR after the best single gain in linear light (dB)",
+    "psnr_color_corrected": "PSNR after the best affine map of each channel (dB)",
+    "ciede2000": "CIEDE2000 (mean over pixels)",
+}
+LOWER_IS_BETTER = frozenset(["lpips", "ciede2000"])
+BASELINES = {
+    "unchanged": (np.asarray, "the dark rendering as it is"),
+    "gain_to_mean": (
+        baselines.gain_to_mean,
+        "the dark rendering times one gain in linear light to sRGB mean 0.5",
+    ),
+    "gamma_curve": (
+        baselines.gamma_curve,
+        "the dark rendering to the power 1 / 2.2",
+    ),
+}
+
+
+def score_view(
+    rendering: Rendering | LitRendering,
+    baseline_pictures: Pictures,
+    dark: Float[np.ndarray, "height width 3"],
+    truth: Float[np.ndarray, "height width 3"] | None,
+    gain: Float[np.ndarray, " 3"],
+) -> Scores:
+    """Scores of one rendered view and of what ``brightened`` makes of it.
+
+    Args:
+        dark: the photo, which took ``gain`` times the scene's linear light.
+        truth: None where there is none.
+    """
+    rgb = jnp.asarray(rendering.rgb)
+    photo = color.expose(rgb, jnp.broadcast_to(gain, rgb.shape))
+    scores = {"dark": metrics.score_dark(np.asarray(photo), dark)}
+    if truth is None:
+        return scores
+    if isinstance(rendering, LitRendering):
+        scores["enhanced"] = metrics.score(rendering.enhanced, truth)
+    return scores | score_pictures(baseline_pictures, truth)
+
+
+def score_pictures(
+    pictures: Pictures, truth: Float[np.ndarray, "height width 3"]
+) -> Scores:
+    """Scores of each picture."""
+    return {name: metrics.score(picture, truth) for name, picture in pictures.items()}
+
+
+def brightened(dark_srgb: Float[np.ndarray, "height width 3"]) -> Pictures:
+    """What each baseline makes of a dark picture, by name."""
+    return {
+        name: np.asarray(brighten(dark_srgb))
+        for name, (brighten, _) in BASELINES.items()
+    }
+
+
+def mean_scores(views: dict[str, Scores]) -> Scores:
+    """The mean of each score over views."""
+    first = next(iter(views.values()))
+    return {
+        picture: {
+            name: float(np.mean([scores[picture][name] for scores in views.values()]))
+            for name in first[picture]
+        }
+        for picture in first
+    }
+
+
+def score_table(scores: Scores, heading: str) -> Table:
+    """Scores as a table: a row per kind of picture, a column per metric."""
+    names = [n for n in DEFINITIONS if any(n in row for row in scores.values())]
+    text = (
+        "dark is scored against the dark photo, all others against the normal-light "
+        "truth. "
+        + "; ".join(f"{name}: {BASELINES[name][1]}" for name in BASELINES)
+        + "."
+    )
+    rows = tuple(
+        (picture, *(f"{row[n]:.3f}" if n in row else "" for n in names))
+        for picture, row in sorted(scores.items(), key=_enhanced_first)
+    )
+    headers = ("picture", *(DEFINITIONS[name] for name in names))
+    return Table(heading, text, headers, rows)
+
+
+def read_table(metrics_json: Path) -> str:
+    """The mean scores of a ``metrics.json`` in Markdown."""
+    mean = json.loads(metrics_json.read_text())["mean"]
+    return as_text(score_table(mean, ""))
+
+
+def as_text(table: Table) -> str:
+    """A table in Markdown."""
+    lines = [table.headers, tuple("---" for _ in table.headers), *table.rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _enhanced_first(item: tuple[str, dict[str, float]]) -> int:
+    order = ("enhanced", *BASELINES, "dark")
+    return order.index(item[0])
