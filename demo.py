@@ -12,8 +12,7 @@ from pathlib import Path
 
 from internal import cli
 from internal.files import image_io
-from internal.pages import contact_sheet
-from internal.scoring import evaluation
+from internal.pages import contact_sheet, tables
 from internal.scoring.baselines import gain_to_mean
 
 SCENE = Path("scenes/night")
@@ -57,7 +56,7 @@ def main(argv: Sequence[str]) -> int:
         f"\nvideo:        {RUN / 'render' / 'spiral' / 'enhanced.mp4'}"
         f"\nside by side: {comparison}"
         f"\nmetrics:      {folder / 'metrics.json'}, {folder / 'index.html'}"
-        f"\n\n{evaluation.read_table(folder / 'metrics.json')}"
+        f"\n\n{tables.read_table(folder / 'metrics.json')}"
     )
     return 0
 

@@ -15,13 +15,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import jax
-import numpy as np
 
 from internal import cli, parallel, progress
 from internal.color import from_uint16
 from internal.files import image_io
-from internal.pages import pages, report
-from internal.rendering.pictures import EXPLANATIONS, display_for, pictures
+from internal.pages import pages, report, tables
+from internal.rendering.pictures import display_for, outputs_of, pictures
 from internal.rendering.renderer import Renderer
 from internal.scene.pairing import flat_png
 from internal.scoring import evaluation
@@ -38,6 +37,12 @@ def main(argv: Sequence[str]) -> int:
     renderer = Renderer(model, scene.cameras, scene.space, mesh, config.render.chunk)
     folder = Path(config.checkpoint_dir) / "eval"
 
+    explained = {
+        **outputs_of(config.model),
+        **{name: text for name, (_, text) in evaluation.BASELINES.items()},
+        "input": "the dark photo",
+        "truth": "the normal-light photo",
+    }
     display = None
     views: dict[str, evaluation.Scores] = {}
     written: dict[str, list[tuple[str, str]]] = {}
@@ -46,11 +51,11 @@ def main(argv: Sequence[str]) -> int:
         progress.track(names, len(names), "evaluating", "view")
     ):
         rendering = renderer.view(state.params, index)
-        display = display or display_for(rendering)
+        display = display or display_for(config.model, rendering)
         dark = from_uint16(scene.images[index])
         truth = from_uint16(scene.truth[index]) if scene.truth else None
-        baselines = evaluation.brightened(np.asarray(rendering.rgb))
-        gain = np.asarray(scene.cameras.gains[index])
+        baselines = evaluation.brightened(rendering.rgb)
+        gain = scene.gains[index]
         views[name] = evaluation.score_view(rendering, baselines, dark, truth, gain)
         shown = {**pictures(rendering, display), "input": dark, **baselines}
         del shown["unchanged"]  # the picture "dark"
@@ -65,7 +70,7 @@ def main(argv: Sequence[str]) -> int:
     mean = evaluation.mean_scores(views)
     result = {"step": int(state.step), "views": views, "mean": mean}
     run_folder.write_text(folder / "metrics.json", json.dumps(result, indent=2) + "\n")
-    table = evaluation.score_table(mean, "Scores, mean over test views")
+    table = tables.score_table(mean, "Scores, mean over test views")
     pages.write_index(
         folder,
         f"{scene.name}: test views at step {int(state.step)}",
@@ -75,19 +80,15 @@ def main(argv: Sequence[str]) -> int:
                 written, "enhanced" if "enhanced" in written else "dark"
             ),
             table,
-            *(_section(output, media) for output, media in written.items()),
+            *(
+                pages.Section(output, explained[output], tuple(media))
+                for output, media in written.items()
+            ),
             *report.training_parts(folder.parent),
         ],
     )
-    print(f"{evaluation.as_text(table)}\n{folder / 'index.html'}")
+    print(f"{tables.as_text(table)}\n{folder / 'index.html'}")
     return 0
-
-
-def _section(output: str, media: list[tuple[str, str]]) -> pages.Section:
-    others = {"input": "the dark photo", "truth": "the normal-light photo"}
-    baselines = {name: text for name, (_, text) in evaluation.BASELINES.items()}
-    text = {**EXPLANATIONS, **baselines, **others}[output]
-    return pages.Section(output, text, tuple(media))
 
 
 if __name__ == "__main__":

@@ -24,7 +24,6 @@ from internal.export import shapes
 from internal.export.density import make_density
 from internal.files import made_folder
 from internal.pages import pages
-from internal.rendering.looks import configured_look
 from internal.rendering.renderer import Renderer
 from internal.training.checkpoints import load_trained
 
@@ -45,8 +44,7 @@ def main(argv: Sequence[str]) -> int:
     )
     config, flags = cli.parse_flags(parser, argv)
     shapes.check_available()
-    look = configured_look(config.render)
-    edit = look.edit()
+    edit = config.render.edit()
     wanted = export_folder.Wanted(flags.points, flags.resolution)
     mesh = parallel.data_mesh(jax.device_count())
     model, state = load_trained(config, mesh)
@@ -78,7 +76,7 @@ def main(argv: Sequence[str]) -> int:
     folder = Path(config.checkpoint_dir) / "export"
     settings = {
         "step": int(state.step),
-        **dataclasses.asdict(look),
+        **dataclasses.asdict(config.render.light()),
         **dataclasses.asdict(wanted),
     }
     facts = made_folder.make_folder(folder, settings, fill, overwrite=flags.overwrite)

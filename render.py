@@ -26,8 +26,7 @@ from internal import cli, color, parallel, progress
 from internal.cameras import Cameras
 from internal.files import image_io, video
 from internal.pages import pages
-from internal.rendering.looks import configured_look
-from internal.rendering.pictures import EXPLANATIONS, display_for, outputs_of, pictures
+from internal.rendering.pictures import display_for, outputs_of, pictures
 from internal.rendering.renderer import Renderer
 from internal.rendering.trajectory import path_cameras
 from internal.training import run_folder
@@ -41,20 +40,20 @@ def main(argv: Sequence[str]) -> int:
     """Renders the frames that are missing, then the videos."""
     config = cli.parse_config("Render a camera path.", argv)
     render = config.render
-    look = configured_look(render)
-    edit = look.edit()
+    edit = render.edit()
     mesh = parallel.data_mesh(jax.device_count())
     model, state = load_trained(config, mesh)
     scene = cli.load_split(config, "train")
     cameras = path_cameras(scene, render)
     renderer = Renderer(model, cameras, scene.space, mesh, render.chunk)
     first_view = scene.cameras.take(np.array([0]))
-    display = display_for(renderer.picture(state.params, first_view))
+    display = display_for(config.model, renderer.picture(state.params, first_view))
 
-    light = dataclasses.asdict(look)
+    light = dataclasses.asdict(render.light())
     settings = {"step": int(state.step), "path": fingerprint(cameras), **light}
     folder = Path(config.checkpoint_dir) / "render" / Path(render.path).stem
-    outputs = [name for name in OUTPUTS if name in outputs_of(config.model)]
+    explained = outputs_of(config.model)
+    outputs = [name for name in OUTPUTS if name in explained]
     for output in outputs:
         run_folder.make_folder(folder / output)
     forget_other_frames(folder, settings)
@@ -75,7 +74,7 @@ def main(argv: Sequence[str]) -> int:
         stills = (color.to_uint8(image_io.read_srgb(png)) for png in pngs)
         video.write_video(stills, folder / f"{output}.mp4", render.fps)
         print(folder / f"{output}.mp4")
-    media = tuple((f"{output}.mp4", EXPLANATIONS[output]) for output in outputs)
+    media = tuple((f"{output}.mp4", explained[output]) for output in outputs)
     used = ", ".join(f"{name} {value}" for name, value in light.items())
     page = pages.write_index(
         folder,

@@ -18,8 +18,7 @@ from pathlib import Path
 
 from internal.cli import run_script
 from internal.files import made_folder
-from internal.pages import charts, pages
-from internal.scoring import evaluation
+from internal.pages import charts, pages, tables
 from internal.study.answers import Preference, preferences, read_answers
 from internal.study.page import parse_method, write_study
 from internal.training import run_folder
@@ -76,7 +75,7 @@ def _chart(args: argparse.Namespace) -> int:
         "Which of two pictures of the same view is better (paper, Fig. 8).",
         [pages.Markup("Preferences", "", svg), table],
     )
-    print(f"{evaluation.as_text(table)}\n{page}")
+    print(f"{tables.as_text(table)}\n{page}")
     return 0
 
 

@@ -2,7 +2,7 @@
 """Trains and scores variants of a configuration on one scene, and compares them.
 
 python sweep.py FLAGS OF train.py --variants configs/ablations/*.gin \
-    "gray=0.2: Losses.gray = 0.2"
+    "gray=0.2: Gamma.gray = 0.2"
 
 A variant is a gin file, or a label, a colon and bindings with ; between them. Each
 runs in CHECKPOINT_DIR/NAME on top of the flags; the flags alone are the variant
@@ -19,7 +19,7 @@ from internal import cli, configs
 from internal.comparison.scored_run import train_and_score
 from internal.errors import UserError
 from internal.files import image_io
-from internal.pages import contact_sheet, pages, report
+from internal.pages import contact_sheet, pages, report, tables
 from internal.pages.pages import Table
 from internal.pages.tables import write_csv
 from internal.scoring import evaluation
@@ -87,7 +87,7 @@ def write_comparison(folder: Path, names: list[str]) -> None:
         )
         for name, row in scores.items()
     )
-    table = evaluation.as_text(Table("", "", headers, rows))
+    table = tables.as_text(Table("", "", headers, rows))
     run_folder.write_text(folder / "table.md", table + "\n")
     write_csv(folder / "table.csv", [headers, *rows])
 
@@ -111,8 +111,8 @@ def write_page(folder: Path, names: list[str], scores: Table) -> Path:
         picture: report.pictures_in(folder, evaluated[names[0]] / picture)
         for picture in ("input", "truth")
     }
-    for part in ("enhanced", *report.PARTS):
-        for name, pictures in evaluated.items():
+    for name, pictures in evaluated.items():
+        for part in ("enhanced", *report.parts_in(pictures)):
             media[f"{name}: {part}"] = report.pictures_in(folder, pictures / part)
     return pages.write_index(
         folder,

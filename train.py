@@ -25,6 +25,7 @@ from internal.training import budget
 from internal.training.checkpoints import Checkpoints
 from internal.training.preview import Preview
 from internal.training.run_folder import RunLog, open_run
+from internal.training.sampler import neighbors_of
 from internal.training.step import check_finite, compiled_step, initial_state, summarize
 
 
@@ -55,6 +56,7 @@ def main(argv: Sequence[str]) -> int:
     # The loop. A step that is not finite keeps the state before it.
     take_step = compiled_step(config, model, scene, mesh)
     preview = Preview(model, scene, mesh, config.render.chunk)
+    rays = train.batch_size * (neighbors_of(config) + 1)
     stats = None
     with (
         cli.Interruption() as interruption,
@@ -72,7 +74,7 @@ def main(argv: Sequence[str]) -> int:
             if last or step % train.log_every == 0:
                 check_finite(stats, step)
                 numbers = summarize(stats)
-                bar.set_postfix_str(progress.describe(numbers, bar, train))
+                bar.set_postfix_str(progress.describe(numbers, bar, rays))
                 log.scalars(step, numbers)
             if last or step % train.preview_every == 0:
                 preview.write(log, step, state.params)

@@ -20,9 +20,10 @@ import jax
 
 from benchmarks import workload
 from internal import configs, parallel
-from internal.models import LitRendering, Model, Rendering
+from internal.models import Model
 from internal.rendering.renderer import Renderer
 from internal.scene.scene import load_scene
+from internal.structs import LitRendering, Rendering
 from internal.training.step import initial_state
 
 REPEATS = 7

@@ -35,7 +35,7 @@ PARTS = (
     ("optimiser", r"cond/branch|multiply_add_fusion"),
     ("proposal grids", r"/proposal/"),
     ("field grid", r"_Encoding_0"),
-    ("MLP and heads", r"/field/|/phi/"),
+    ("MLP and heads", r"/field/|/enhancement/"),
     ("sampling, compositing, losses", r"jvp|march|light_up"),
 )
 
@@ -44,7 +44,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data_dir")
     parser.add_argument("--factor", type=int, default=1)
-    parser.add_argument("--enhanced", action="store_true", help="with phi's losses")
+    parser.add_argument("--enhanced", action="store_true", help="both phases")
     flags = parser.parse_args()
     bindings = [f"Config.factor = {flags.factor}"]
     bindings += ["Train.enhance_start = 0"] * flags.enhanced

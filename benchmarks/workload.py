@@ -19,8 +19,8 @@ from internal import cli, configs, parallel
 from internal.comparison.scored_run import train_and_score
 from internal.configs import Config
 from internal.models import Model
+from internal.pages import tables
 from internal.pages.pages import Table
-from internal.scoring import evaluation
 from internal.training import sampler
 from internal.training.step import TrainState, initial_state, make_train_step
 
@@ -58,7 +58,7 @@ class Workload:
     @property
     def rays(self) -> int:
         """Rays of one step, each supervised by a pixel of its own."""
-        return self.config.train.batch_size * (self.config.train.neighbors + 1)
+        return self.config.train.batch_size * (sampler.neighbors_of(self.config) + 1)
 
 
 def load(
@@ -74,7 +74,7 @@ def load(
         scene = cli.load_split(config, "train")
     mesh = parallel.data_mesh(config.train.batch_size, jax.devices()[:devices])
     model = Model(config.model)
-    pixels = sampler.resident_pixels(scene.images)
+    pixels = sampler.resident_pixels(scene.images, scene.gains)
     arguments = parallel.replicate((scene.cameras, scene.space, pixels), mesh)
     state = parallel.replicate(initial_state(config, model), mesh)
     step = jax.jit(
@@ -102,7 +102,7 @@ def peak_memory() -> float:
 def markdown(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """A Markdown table."""
     texts = tuple(tuple(map(str, row)) for row in rows)
-    return evaluation.as_text(Table("", "", tuple(headers), texts))
+    return tables.as_text(Table("", "", tuple(headers), texts))
 
 
 def score_cells(mean: Mapping[str, Mapping[str, float]]) -> list[str]:

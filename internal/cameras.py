@@ -41,7 +41,6 @@ class Cameras:
     table_starts: Int[Array | np.ndarray, " n"]  # first row of each view's lens
     widths: Int[Array | np.ndarray, " n"]  # pixels
     heights: Int[Array | np.ndarray, " n"]  # pixels
-    gains: Float[Array | np.ndarray, "n 3"]  # photo over scene, linear light
 
     def __len__(self) -> int:
         return self.camtoworlds.shape[0]
@@ -54,7 +53,6 @@ class Cameras:
             table_starts=self.table_starts[views],
             widths=self.widths[views],
             heights=self.heights[views],
-            gains=self.gains[views],
         )
 
 

@@ -12,8 +12,11 @@ from pathlib import Path
 import gin
 from beartype.roar import BeartypeCallHintViolation
 
-from internal import fields
+from internal import enhancements, fields
 from internal.binding import configurable, typed
+from internal.enhancements.base import Enhancement
+from internal.enhancements.gamma import Gamma
+from internal.enhancements.look import Look
 from internal.errors import UserError
 from internal.fields.base import FieldConfig
 from internal.fields.mlp import MLP
@@ -26,26 +29,24 @@ _GIN_ERRORS = (ValueError, TypeError, SyntaxError, OSError, RuntimeError)
 @typed
 @dataclasses.dataclass(frozen=True)
 class ModelConfig:
-    """The field, its sampling and the enhancement network."""
+    """The field, its sampling and the enhancement."""
 
     field: FieldConfig = dataclasses.field(default_factory=MLP)  # internal/fields
-    decomposition: bool = True  # False: plain mip-NeRF without v, r and phi
+    # internal/enhancements; None: plain mip-NeRF without v and r
+    enhancement: Enhancement | None = dataclasses.field(default_factory=Gamma)
     num_samples: tuple[int, ...] = (128, 128)  # per level of hierarchical sampling
     resample_padding: float = 0.01  # mip-NeRF, Eq. 17
     ray_shape: str = "auto"  # cone, cylinder; auto: cylinder in NDC
     deg_view: int = 4
-    head_width: int = 128  # hidden width of F1, F2 and phi
+    head_width: int = 128  # hidden width of F1 and F2
     density_noise: float = 1.0  # std, training only
-    enhancement: str = "gamma"  # Eq. 8 at each sample; tone: one curve per scene
-    gamma0: float = 2.2  # paper, Eq. 8
-    tone_contrast: float = 1.3  # exponent of the tone curve
 
 
 @configurable("Losses")
 @typed
 @dataclasses.dataclass(frozen=True)
 class LossConfig:
-    """Weights and constants of the losses; a weight of 0 removes a term."""
+    """Weights and constants of the field's losses; a weight of 0 removes a term."""
 
     data_eps: float = 1e-3  # epsilon_2, plus
     data_eps_of_mean: float = 0.0  # this part of the photos' mean
@@ -53,35 +54,25 @@ class LossConfig:
     coarse: float = 0.1  # data term of the levels before the last
     interlevel: float = 1.0  # of proposals, where the field has them
     distortion: float = 0.01
-    exposure: float = 0.1  # L_c1; of a tone curve: of its metering
-    exposure_target: float = 0.55  # e, sRGB
-    colorfulness: float = 0.0  # of a tone curve alone
-    least_colorfulness: float = 0.14  # sRGB
-    gray: float = 0.1  # L_c2; lambda_1 = gray / exposure
-    gray_bias: float = 0.5  # beta_1
-    gamma_norm: float = 0.01  # L_c3; lambda_2 = gamma_norm / exposure
-    alpha_smooth: float = 0.1  # L_sa
-    gamma_smooth: float = 0.1  # L_sg
-    smooth_eps: float = 1e-4  # epsilon_1
-    smooth_beta: float = 1.5
 
 
 @configurable("Optimizer")
 @typed
 @dataclasses.dataclass(frozen=True)
 class OptimizerConfig:
-    """Adam for the field and, from ``Train.enhance_start``, a fresh one for phi."""
+    """Adam for the field and, from ``Train.enhance_start``, a fresh one for the
+    enhancement."""
 
     lr_init: float = 1e-3
     lr_final: float = 1e-5
     warmup_steps: int = 2500
     warmup_factor: float = 0.01
-    phi_lr_init: float = 1e-3
-    phi_lr_final: float = 1e-4
+    enhancement_lr_init: float = 1e-3
+    enhancement_lr_final: float = 1e-4
     b2: float = 0.999  # of Adam
     eps: float = 1e-8  # of Adam
     clip_value: float = 0.1  # per element, then; 0: not at all
-    clip_norm: float = 0.1  # per group (field, phi); 0: not at all
+    clip_norm: float = 0.1  # per group (field, enhancement); 0: not at all
 
 
 @configurable("Train")
@@ -92,9 +83,8 @@ class TrainConfig:
 
     max_steps: int = 105_000
     enhance_start: int = 100_000  # first step of the enhancement losses
-    batch_size: int = 1024  # centre pixels; each brings its neighbours
+    batch_size: int = 1024  # pixels; each brings what its enhancement asks for
     passes: int = 1  # parts of a batch worked off one after the other
-    neighbors: int = 2  # right and below, for L_s; 0: none
     seed: int = 0
     log_every: int = 100
     checkpoint_every: int = 5000
@@ -105,18 +95,13 @@ class TrainConfig:
 @configurable("Render")
 @typed
 @dataclasses.dataclass(frozen=True)
-class RenderConfig:
-    """Camera path, light edit and size of what render.py writes."""
+class RenderConfig(Look):
+    """Camera path, light and size of what render.py writes."""
 
     path: str = "spiral"  # spiral, ellipse, views, or a JSON file
     frames: int = 120
     fps: int = 30
     chunk: int = 4096  # rays per call; lower it when memory runs out
-    strength: float = 1.0  # 0: dark, 1: enhanced
-    exposure: float = 0.0  # stops
-    temperature: float = 6500.0  # kelvin; 6500 is neutral
-    tint: float = 0.0  # stops of magenta over green
-    contrast: float = 1.0  # of the lighting
 
 
 @configurable("Config")
@@ -154,6 +139,7 @@ def load_config(files: Sequence[str], bindings: Sequence[str]) -> Config:
     """
     gin.clear_config()
     fields.register()
+    enhancements.register()
     for file in files:
         if not Path(file).is_file():
             raise UserError(f"{file}: no such gin file; see configs/")
@@ -179,21 +165,14 @@ def _check(config: Config) -> None:
         in ("auto", "cone", "cylinder"),
         "Losses.observation: ideal or noisy": config.losses.observation
         in ("ideal", "noisy"),
-        "Train.neighbors: 0 or 2": train.neighbors in (0, 2),
-        "Model.enhancement: gamma or tone": model.enhancement in ("gamma", "tone"),
-        "Train.neighbors = 2 for the smoothness loss of the gamma enhancement": (
-            train.neighbors == 2
-            or not model.decomposition
-            or model.enhancement == "tone"
-        ),
         "Train.max_steps >= 1": train.max_steps >= 1,
         "Train.log_every, checkpoint_every, preview_every >= 1": min(
             train.log_every, train.checkpoint_every, train.preview_every
         )
         >= 1,
         "Train.checkpoints_kept >= 1": train.checkpoints_kept >= 1,
-        "Optimizer.lr_init, phi_lr_init > 0": min(
-            config.optimizer.lr_init, config.optimizer.phi_lr_init
+        "Optimizer.lr_init, enhancement_lr_init > 0": min(
+            config.optimizer.lr_init, config.optimizer.enhancement_lr_init
         )
         > 0.0,
         "Render.frames, fps, chunk >= 1": min(
@@ -203,8 +182,10 @@ def _check(config: Config) -> None:
         "Model.head_width >= 1, deg_view >= 0": model.head_width >= 1
         and model.deg_view >= 0,
         "Model.field: sizes >= 1": min(_sizes(model.field), default=1) >= 1,
-        "Train.passes = 1 for a tone curve, which is metered over the whole batch": (
-            train.passes == 1 or model.enhancement == "gamma"
+        "Train.passes = 1 for an enhancement that looks at the whole batch": (
+            train.passes == 1
+            or model.enhancement is None
+            or not model.enhancement.whole_batch
         ),
         "Train.batch_size >= 1": train.batch_size >= 1,
         "Train.passes divides Train.batch_size": train.passes >= 1

@@ -4,12 +4,12 @@
 Rays are flat, ``[rays, ...]``. A ``Space`` says where the samples lie.
 """
 
-from typing import Any, Literal
+import dataclasses
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
-from flax import struct
 from jax import Array
 from jax.lax import stop_gradient
 from jaxtyping import Float, PRNGKeyArray
@@ -18,79 +18,36 @@ from internal import mip, stepfun
 from internal.cameras import Rays
 from internal.configs import ModelConfig
 from internal.coord import ForwardFacing, Space
-from internal.enhancements.editing import LightEdit
-from internal.enhancements.gamma import Coefficients, phi
-from internal.enhancements.tone import Meter, develop
-from internal.heads import (
-    DENSITY_BIAS,
-    Colored,
+from internal.enhancements.look import LightEdit
+from internal.heads import DENSITY_BIAS, DecomposedField, PlainField
+from internal.structs import (
     Decomposed,
-    DecomposedField,
-    Phi,
-    PlainField,
+    Histogram,
+    Level,
+    Levels,
+    LitRendering,
+    Rendering,
 )
 from internal.volume import composite, compute_weights
 
 
-@struct.dataclass
-class Histogram:
-    """One level of hierarchical sampling: where along the rays, and how much there."""
-
-    s_edges: Float[Array, "*rays n_edges"]
-    weights: Float[Array, "*rays n"]
-
-
-@struct.dataclass
-class Level(Histogram):
-    """A level at which the field itself was asked."""
-
-    rgb: Float[Array, "*rays 3"]  # dark colour
-    samples: Decomposed | Colored  # ``[rays, n, ...]``
-
-
-@struct.dataclass
-class Rendering:
-    """Pixels of the last level; colours are sRGB and may exceed 1."""
-
-    rgb: Float[Array, "*rays 3"]  # the dark picture, c
-    depth: Float[Array, "*rays 1"]  # along the camera's axis, model units
-
-
-@struct.dataclass
-class LitRendering(Rendering):
-    """A rendering with its decomposition and enhancement (paper, Eqs. 3, 4 and 8)."""
-
-    enhanced: Float[Array, "*rays 3"]  # c_hat
-    v: Float[Array, "*rays 1"]
-    r: Float[Array, "*rays 3"]
-    v_enhanced: Float[Array, "*rays 3"]  # v_hat
-
-
-@struct.dataclass
-class GammaRendering(LitRendering):
-    """One that Eq. 8 lit, with its composited coefficients."""
-
-    alpha: Float[Array, "*rays 1"]
-    gamma: Float[Array, "*rays 3"]
-    gamma_energy: Float[Array, "*rays 1"]  # composited |gamma|^2
-
-
 class Model(nn.Module):
-    """Mip-NeRF whose colour is v * r, with the network phi that lights it up.
+    """Mip-NeRF whose colour is v * r, with an enhancement that lights it up.
 
-    Without ``config.decomposition`` it is plain mip-NeRF and renders ``Rendering``.
+    Without ``config.enhancement`` it is plain mip-NeRF and renders ``Rendering``.
     """
 
     config: ModelConfig
 
     def setup(self) -> None:
-        self.proposal = self.config.field.proposal()
-        if self.config.decomposition:
-            self.field = DecomposedField(self.config)
-            tone = self.config.enhancement == "tone"
-            self.phi: Any = Meter() if tone else Phi(self.config)
+        config = self.config
+        self.proposal = config.field.proposal()
+        heads = config.field, config.head_width, config.deg_view
+        if config.enhancement is None:
+            self.field = PlainField(*heads)
         else:
-            self.field = PlainField(self.config)
+            self.field = DecomposedField(*heads)
+            self.enhancement = config.enhancement.network("enhancement")
 
     def __call__(
         self, rays: Rays, space: Space, edit: LightEdit
@@ -98,87 +55,88 @@ class Model(nn.Module):
         """Renders rays exactly (without randomness), as eval.py and render.py do.
 
         Returns:
-            Pixels; ``LitRendering`` for a decomposed model.
+            Pixels; ``LitRendering`` for a model with an enhancement.
         """
-        last = self.march(rays, space)[-1]
-        assert isinstance(last, Level)
-        if self.config.decomposition:
-            return self.light_up(last, space, edit)
-        return Rendering(last.rgb, depth(space, last))
+        last = self.march(rays, space).last
+        if self.config.enhancement is None:
+            return Rendering(last.rgb, depth(space, last))
+        return self.light_up(last, space, edit)
 
     def march(
         self, rays: Rays, space: Space, key: PRNGKeyArray | None = None
-    ) -> list[Histogram]:
+    ) -> Levels:
         """Hierarchical sampling: each level looks closer where the last saw weight.
 
         Args:
             rays: ``[rays, ...]`` in ``space``.
             space: how distance and position are encoded.
             key: randomises sample positions and density; None does not.
-
-        Returns:
-            The levels, coarse first; the last, and all of a field without a
-            proposal, are ``Level``.
         """
         count = rays.origins.shape[0]
         s_edges = jnp.broadcast_to(jnp.array([0.0, 1.0]), (count, 2))
         weights = jnp.ones((count, 1))
-        levels: list[Histogram] = []
-        for level, num_samples in enumerate(self.config.num_samples):
-            last = level == len(self.config.num_samples) - 1
-            level_key = None if key is None else jax.random.fold_in(key, level)
-            if level > 0:
+        proposals: list[Histogram] = []
+        levels: list[Level] = []
+        for number, num_samples in enumerate(self.config.num_samples):
+            last = number == len(self.config.num_samples) - 1
+            level_key = None if key is None else jax.random.fold_in(key, number)
+            if number > 0:
                 weights = stepfun.blur_weights(weights, self.config.resample_padding)
             s_edges = _resample(s_edges, weights, num_samples, level_key)
-            t_edges = space.s_to_t(s_edges)
-            gaussians = self._gaussians(rays, space, t_edges)
             if self.proposal is not None and not last:
-                density = nn.softplus(self.proposal(*gaussians) + DENSITY_BIAS)
-                weights = compute_weights(density, t_edges, rays.directions)
-                levels.append(Histogram(s_edges, weights))
+                proposals.append(self._propose(rays, space, s_edges))
+                weights = stop_gradient(proposals[-1].weights)
             else:
-                noise = self._density_noise((count, num_samples), level_key)
-                samples = self.field(*gaussians, rays.viewdirs, noise)
-                weights = compute_weights(samples.density, t_edges, rays.directions)
-                rgb = composite(weights, samples.rgb)
-                levels.append(Level(s_edges, weights, rgb, samples))
-            weights = stop_gradient(weights)
-        return levels
+                levels.append(self._ask_field(rays, space, s_edges, level_key))
+                weights = stop_gradient(levels[-1].weights)
+        return Levels(tuple(proposals), tuple(levels[:-1]), levels[-1])
 
     def light_up(self, level: Level, space: Space, edit: LightEdit) -> LitRendering:
-        """Enhances what a level saw, as ``config.enhancement`` says: v at the samples
-        (paper, Eqs. 4 and 8), or the composited colour by one tone curve, of which
-        v_hat is the quotient by r.
+        """Enhances what a level saw.
 
-        Weights, v and r are stopped: the enhancement's losses teach phi alone and
+        All of it is stopped: the enhancement's losses teach the enhancement alone and
         cannot move the geometry or the decomposition.
         """
-        samples = level.samples
-        assert isinstance(samples, Decomposed)
-        weights, v, r = stop_gradient((level.weights, samples.v, samples.r))
-        basis = composite(weights, r)
-        parts = {
-            "rgb": level.rgb,
-            "depth": depth(space, level),
-            "v": composite(weights, v),
-            "r": basis,
-        }
-        if self.config.enhancement == "tone":
-            dark = stop_gradient(level.rgb)
-            enhanced = develop(dark, self.phi(), self.config.tone_contrast, edit)
-            v_enhanced = enhanced / jnp.maximum(basis, 1e-6)
-            return LitRendering(**parts, enhanced=enhanced, v_enhanced=v_enhanced)
-        coefficients: Coefficients = self.phi(v, samples.features)
-        v_hat = phi(v, coefficients, self.config.gamma0, edit)
-        gamma_energy = jnp.sum(coefficients.gamma**2, axis=-1, keepdims=True)
-        return GammaRendering(
-            **parts,
-            enhanced=composite(weights, v_hat * r),
-            v_enhanced=composite(weights, v_hat),
-            alpha=composite(weights, coefficients.alpha),
-            gamma=composite(weights, coefficients.gamma),
-            gamma_energy=composite(weights, gamma_energy),
+        level = stop_gradient(level)
+        assert isinstance(level.samples, Decomposed)
+        return LitRendering(
+            rgb=level.rgb,
+            depth=depth(space, level),
+            v=composite(level.weights, level.samples.v),
+            r=composite(level.weights, level.samples.r),
+            lit=self.enhancement(level, edit),
         )
+
+    def relight(self, rendering: LitRendering, edit: LightEdit) -> LitRendering:
+        """The same pixels under ``edit``, of a rendering under the enhancement's
+        ``along_rays(edit)``."""
+        lit = self.enhancement.relight(rendering, edit)
+        return dataclasses.replace(rendering, lit=lit)
+
+    def _propose(
+        self, rays: Rays, space: Space, s_edges: Float[Array, "rays n_edges"]
+    ) -> Histogram:
+        """Where the field's proposal expects something."""
+        assert self.proposal is not None
+        t_edges = space.s_to_t(s_edges)
+        raw_density = self.proposal(*self._gaussians(rays, space, t_edges))
+        density = nn.softplus(raw_density + DENSITY_BIAS)
+        return Histogram(s_edges, compute_weights(density, t_edges, rays.directions))
+
+    def _ask_field(
+        self,
+        rays: Rays,
+        space: Space,
+        s_edges: Float[Array, "rays n_edges"],
+        key: PRNGKeyArray | None,
+    ) -> Level:
+        """What the field holds between the edges, and its colour along the rays."""
+        t_edges = space.s_to_t(s_edges)
+        gaussians = self._gaussians(rays, space, t_edges)
+        noise = self._density_noise(s_edges[:, 1:].shape, key)
+        samples = self.field(*gaussians, rays.viewdirs, noise)
+        weights = compute_weights(samples.density, t_edges, rays.directions)
+        return Level(s_edges, weights, composite(weights, samples.rgb), samples)
 
     def _gaussians(
         self, rays: Rays, space: Space, t_edges: Float[Array, "rays n_edges"]
@@ -196,7 +154,7 @@ class Model(nn.Module):
         return space.warp(mean, directions, t_var[..., None], r_var[..., None])
 
     def _density_noise(
-        self, shape: tuple[int, int], key: PRNGKeyArray | None
+        self, shape: tuple[int, ...], key: PRNGKeyArray | None
     ) -> Float[Array, "rays n"]:
         if key is None or self.config.density_noise == 0.0:
             return jnp.zeros(shape)

@@ -10,8 +10,6 @@ from typing import TypeVar
 
 from tqdm import tqdm
 
-from internal.configs import TrainConfig
-
 T = TypeVar("T")
 
 SECONDS_BETWEEN_LOG_LINES = 10.0
@@ -59,12 +57,12 @@ def track(items: Iterable[T], total: int, label: str, unit: str) -> Iterator[T]:
             shown.update()
 
 
-def describe(numbers: dict[str, float], shown: tqdm, train: TrainConfig) -> str:
+def describe(numbers: dict[str, float], shown: tqdm, rays_per_step: int) -> str:
     """PSNR, rays per second and loss terms of a training step, for the bar."""
     rate = shown.format_dict["rate"]
     if not rate:
         rate = (shown.n - shown.initial) / max(shown.format_dict["elapsed"], 1e-3)
-    rays = rate * train.batch_size * (train.neighbors + 1)
+    rays = rate * rays_per_step
     terms = " ".join(
         f"{name.removeprefix('loss/')} {value:.2g}"
         for name, value in numbers.items()

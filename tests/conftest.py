@@ -32,6 +32,7 @@ TINY_MODEL = (
     "MLP.depth = 2",
     "MLP.width = 16",
     "Model.head_width = 8",
+    "Gamma.width = 8",
     "MLP.max_deg = 4",
     "Train.batch_size = 8",
     "Train.max_steps = 6",
@@ -93,7 +94,6 @@ def tiny_cameras() -> Cameras:
         table_starts=jnp.zeros(views, jnp.int32),
         widths=jnp.full(views, width, jnp.int32),
         heights=jnp.full(views, height, jnp.int32),
-        gains=jnp.ones((views, 3)),
     )
 
 

@@ -47,8 +47,6 @@ def test_later_bindings_win_and_do_not_leak_into_the_next_load():
         ("MLP.width = ", "parse"),
         ("Model.ray_shape = 'square'", "ray_shape"),
         ("Losses.observation = 'lucky'", "observation"),
-        ("Train.neighbors = 1", "neighbors"),
-        ("Train.neighbors = 0", "neighbors"),
         ("Config.factor = 0", "factor"),
         ("Train.log_every = 0", "log_every"),
         ("Train.checkpoints_kept = 0", "checkpoints_kept"),
@@ -56,7 +54,7 @@ def test_later_bindings_win_and_do_not_leak_into_the_next_load():
         ("Render.chunk = 0", "chunk"),
         ("Model.head_width = 0", "head_width"),
         ("MLP.width = 0", "field"),
-        ("Train.passes = 2\nModel.enhancement = 'tone'", "passes"),
+        ("Train.passes = 2\nModel.enhancement = @Tone()", "passes"),
     ],
 )
 def test_a_wrong_binding_is_one_line_that_names_it(binding, named):
@@ -88,5 +86,5 @@ def test_every_field_is_read_somewhere():
 
 def test_json_holds_every_section():
     saved = json.loads(configs.to_json(load_config([], [])))
-    assert saved["model"]["gamma0"] == 2.2
+    assert saved["model"]["enhancement"]["gamma0"] == 2.2
     assert {"losses", "optimizer", "train", "render"} <= saved.keys()

@@ -23,10 +23,10 @@ from internal.export import folder as export_folder
 from internal.export import shapes
 from internal.export.density import from_field_space, normals, to_field_space
 from internal.export.sightings import mean_colors, surface_points
-from internal.models import Rendering
 from internal.poses import transform_points
 from internal.scene import colmap
 from internal.scene.scene import load_scene
+from internal.structs import Rendering
 from tests.conftest import flags
 from tests.scene_writers import facing_world, surrounding_world, write_blender
 

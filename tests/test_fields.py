@@ -11,7 +11,7 @@ import pytest
 from internal import grids
 from internal.cameras import cast_rays
 from internal.configs import load_config
-from internal.enhancements.editing import NEUTRAL
+from internal.enhancements.look import NEUTRAL
 from internal.fields.base import FieldConfig
 from internal.losses import data_loss
 from internal.models import Histogram, Level, Model

@@ -10,17 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from internal.configs import RenderConfig, load_config
-from internal.enhancements.editing import (
+from internal.enhancements.look import (
     LUMINANCE_WEIGHTS,
     NEUTRAL,
-    light_edit,
+    Look,
     tint_gains,
 )
-from internal.rendering.looks import Look, configured_look
 
 
 def test_the_default_look_is_neutral_and_the_configurations_default():
-    assert configured_look(RenderConfig()) == Look()
+    assert RenderConfig().light() == Look()
     for ours, neutral in zip(
         jax.tree.leaves(Look().edit()), jax.tree.leaves(NEUTRAL), strict=True
     ):
@@ -40,7 +39,7 @@ def test_the_default_look_is_neutral_and_the_configurations_default():
 )
 def test_bindings_bring_a_look_back(look):
     config = load_config([], look.bindings())
-    assert configured_look(config.render) == look
+    assert config.render.light() == look
     assert dataclasses.replace(config.render, **vars(look)) == config.render
 
 
@@ -52,16 +51,14 @@ def test_positive_tint_is_magenta_and_keeps_the_luminance_of_grey():
 
 
 def test_contrast_turns_about_middle_grey():
-    # v_hat = 0.5 is 0.5 ** c * gain, and must stay 0.5.
     for contrast in (0.5, 1.0, 2.0):
-        edit = light_edit(contrast=contrast)
-        grey = 0.5 ** float(edit.contrast) * float(edit.exposure_gain)
+        edit = Look(contrast=contrast).edit()
+        grey = 0.5 ** float(edit.contrast) * float(edit.pivot)
         np.testing.assert_allclose(grey, 0.5, rtol=1e-6)
 
 
-def test_an_edit_is_its_gains_and_the_rest():
-    edit = light_edit(0.5, 1.0, 4000.0, 0.3, 1.5)
+def test_an_edit_without_gains_keeps_the_rest():
+    edit = Look(0.5, 1.0, 4000.0, 0.3, 1.5).edit()
     rest = edit.without_gains()
     np.testing.assert_array_equal(rest.gains, np.ones(3))
     assert (rest.strength, rest.contrast) == (edit.strength, edit.contrast)
-    np.testing.assert_array_equal(edit.gains, edit.exposure_gain * edit.color_gains)

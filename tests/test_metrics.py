@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from internal.color import expose, linear_to_srgb, quantize, srgb_to_linear
-from internal.models import Rendering
 from internal.scoring import baselines, color_error, evaluation, lpips, metrics
+from internal.structs import Rendering
 
 needs_lpips = pytest.mark.skipif(
     not lpips.available(), reason="the extra metrics is not installed"

@@ -10,8 +10,9 @@ import pytest
 from internal.cameras import cast_rays
 from internal.configs import load_config
 from internal.coord import Unbounded
-from internal.enhancements.editing import NEUTRAL, light_edit
-from internal.models import LitRendering, Model, Rendering, ray_shape
+from internal.enhancements.look import NEUTRAL, Look
+from internal.models import Model, ray_shape
+from internal.structs import LitRendering, Rendering
 from internal.training.step import initial_state
 from internal.volume import composite
 from tests.conftest import TINY_MODEL
@@ -35,9 +36,8 @@ def trained():
 
 def test_dark_colour_is_v_times_r(trained, rays, ndc):
     apply, params = trained
-    last = apply(params, rays, ndc, method="march")[-1]
+    last = apply(params, rays, ndc, method="march").last
     samples = last.samples
-    np.testing.assert_allclose(samples.rgb, samples.v * samples.r)
     composited = composite(last.weights, samples.v * samples.r)
     np.testing.assert_allclose(last.rgb, composited, rtol=1e-5)
     assert samples.v.shape == (12, 7, 1)
@@ -47,8 +47,8 @@ def test_dark_colour_is_v_times_r(trained, rays, ndc):
 def test_r_is_the_same_from_every_side_and_v_is_not(trained, rays, ndc):
     apply, params = trained
     turned = rays.replace(viewdirs=-rays.viewdirs[:, ::-1])
-    before = apply(params, rays, ndc, method="march")[0].samples
-    after = apply(params, turned, ndc, method="march")[0].samples
+    before = apply(params, rays, ndc, method="march").coarse[0].samples
+    after = apply(params, turned, ndc, method="march").coarse[0].samples
     np.testing.assert_array_equal(before.r, after.r)
     np.testing.assert_array_equal(before.density, after.density)
     assert np.max(np.abs(before.v - after.v)) > 1e-6
@@ -61,7 +61,7 @@ def test_rendering_has_every_output_and_a_plain_model_only_the_dark_ones(
     lit = apply(params, rays, ndc, NEUTRAL)
     assert isinstance(lit, LitRendering)
     assert lit.enhanced.shape == (12, 3)
-    config = load_config([], [*TINY_MODEL, "Model.decomposition = False"])
+    config = load_config([], [*TINY_MODEL, "Model.enhancement = None"])
     plain = Model(config.model)
     plain_params = {"params": initial_state(config, plain).params}
     rendering = jax.jit(plain.apply)(plain_params, rays, ndc, NEUTRAL)
@@ -71,9 +71,9 @@ def test_rendering_has_every_output_and_a_plain_model_only_the_dark_ones(
 def test_neutral_edit_changes_no_bit_and_other_edits_do(trained, rays, ndc):
     apply, params = trained
     plain = apply(params, rays, ndc, NEUTRAL)
-    neutral = apply(params, rays, ndc, light_edit(1.0, 0.0, 6500.0))
+    neutral = apply(params, rays, ndc, Look(1.0, 0.0, 6500.0).edit())
     chex.assert_trees_all_equal(plain, neutral)
-    warm = apply(params, rays, ndc, light_edit(temperature_kelvin=3000.0))
+    warm = apply(params, rays, ndc, Look(temperature=3000.0).edit())
     assert np.all(warm.enhanced[:, 0] > plain.enhanced[:, 0])
     assert np.all(warm.enhanced[:, 2] < plain.enhanced[:, 2])
     np.testing.assert_array_equal(warm.rgb, plain.rgb)
@@ -81,11 +81,11 @@ def test_neutral_edit_changes_no_bit_and_other_edits_do(trained, rays, ndc):
 
 def test_strength_zero_renders_the_dark_scene(trained, rays, ndc):
     apply, params = trained
-    off = apply(params, rays, ndc, light_edit(strength=0.0))
+    off = apply(params, rays, ndc, Look(strength=0.0).edit())
     np.testing.assert_allclose(off.enhanced, off.rgb, rtol=1e-5)
 
 
-def test_enhancement_moves_phi_and_nothing_else(trained, rays, ndc):
+def test_an_enhancement_moves_itself_and_nothing_else(trained, rays, ndc):
     apply, params = trained
 
     def brightness(params):
@@ -93,14 +93,14 @@ def test_enhancement_moves_phi_and_nothing_else(trained, rays, ndc):
 
     gradient = jax.jit(jax.grad(brightness))(params)["params"]
     assert all(np.all(x == 0) for x in jax.tree.leaves(gradient["field"]))
-    assert any(np.any(x != 0) for x in jax.tree.leaves(gradient["phi"]))
+    assert any(np.any(x != 0) for x in jax.tree.leaves(gradient["enhancement"]))
 
 
 def test_a_key_randomises_and_no_key_does_not(trained, rays, ndc):
     apply, params = trained
 
     def edges(key):
-        return apply(params, rays, ndc, key, method="march")[0].s_edges
+        return apply(params, rays, ndc, key, method="march").coarse[0].s_edges
 
     np.testing.assert_array_equal(edges(None), edges(None))
     one, two = edges(jax.random.key(1)), edges(jax.random.key(2))

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pixels of a step: neighbours, colours of their own, resident equals fed."""
 
+import dataclasses
+
 import chex
 import jax
 import jax.numpy as jnp
@@ -10,12 +12,13 @@ from internal import parallel
 from internal.configs import TrainConfig
 from internal.training import sampler
 
+GAINS = np.array([[1.0, 1.0, 1.0], [0.5, 0.6, 0.7], [2.0, 2.0, 2.0]], np.float32)
 TRAIN = TrainConfig(batch_size=500, enhance_start=10)
 BEFORE, AFTER = jnp.int32(9), jnp.int32(10)
 
 
 def test_patches_are_a_pixel_its_right_and_its_lower_neighbour(tiny_cameras):
-    pixels = sampler.sample_pixels(jax.random.key(0), tiny_cameras, TRAIN, AFTER)
+    pixels = sampler.sample_pixels(jax.random.key(0), tiny_cameras, TRAIN, 2, AFTER)
     x, y = np.asarray(pixels.x), np.asarray(pixels.y)
     np.testing.assert_array_equal(x[:, 1] - x[:, 0], 1)
     np.testing.assert_array_equal(x[:, 2] - x[:, 0], 0)
@@ -27,16 +30,16 @@ def test_patches_are_a_pixel_its_right_and_its_lower_neighbour(tiny_cameras):
 
 
 def test_before_the_smoothness_loss_every_pixel_is_drawn_by_itself(tiny_cameras):
-    pixels = sampler.sample_pixels(jax.random.key(0), tiny_cameras, TRAIN, BEFORE)
+    pixels = sampler.sample_pixels(jax.random.key(0), tiny_cameras, TRAIN, 2, BEFORE)
     drawn = {tuple(p) for p in np.stack(jax.tree.leaves(pixels), -1).reshape(-1, 3)}
     assert len(drawn) == 3 * 10 * 8
     assert np.any(pixels.view != pixels.view[:, :1])
 
 
 def test_every_member_has_the_colour_of_its_own_pixel(tiny_cameras, tiny_images):
-    source = sampler.resident_pixels(tiny_images)
+    source = sampler.resident_pixels(tiny_images, GAINS)
     for step in (BEFORE, AFTER):
-        batch = source.batch(jax.random.key(3), tiny_cameras, TRAIN, step)
+        batch = source.batch(jax.random.key(3), tiny_cameras, TRAIN, 2, step)
         flat = [np.ravel(p) for p in jax.tree.leaves(batch.pixels)]
         expected = [tiny_images[v][y, x] / 65535 for v, x, y in zip(*flat, strict=True)]
         np.testing.assert_allclose(batch.rgb().reshape(-1, 3), expected, atol=1e-7)
@@ -47,7 +50,7 @@ def test_pictures_of_different_sizes_live_in_one_array(tiny_cameras):
         np.full((4, 5, 3), 1000, np.uint16),
         np.arange(6 * 3 * 3, dtype=np.uint16).reshape(6, 3, 3),
     )
-    source = sampler.resident_pixels(images)
+    source = sampler.resident_pixels(images, GAINS[:2])
     pixels = sampler.Pixels(*(jnp.array([[k]]) for k in (1, 2, 4)))
     rows = sampler.flat_rows(pixels, source.starts, np.array([5, 3]))
     np.testing.assert_array_equal(source.levels[rows[0, 0]], images[1][4, 2])
@@ -56,11 +59,12 @@ def test_pictures_of_different_sizes_live_in_one_array(tiny_cameras):
 def test_a_fed_batch_equals_the_resident_one(tiny_config, tiny_cameras, tiny_images):
     train = tiny_config.train
     mesh = parallel.data_mesh(train.batch_size)
-    resident = sampler.pixel_source(tiny_images, tiny_cameras, mesh, train, 1.0)
-    fed = sampler.pixel_source(tiny_images, tiny_cameras, mesh, train, 0.0)
+    on_host = dataclasses.replace(tiny_config, max_image_memory=0.0)
+    resident = sampler.pixel_source(tiny_images, GAINS, tiny_cameras, mesh, tiny_config)
+    fed = sampler.pixel_source(tiny_images, GAINS, tiny_cameras, mesh, on_host)
     for step in (0, 5):
         key, _ = sampler.step_keys(train.seed, jnp.int32(step))
-        arguments = (key, tiny_cameras, train, jnp.int32(step))
+        arguments = (key, tiny_cameras, train, 2, jnp.int32(step))
         one = resident(step).batch(*arguments)
         two = fed(step).batch(*arguments)
         chex.assert_trees_all_equal(one, two)

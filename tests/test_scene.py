@@ -598,10 +598,10 @@ def test_gains_of_photos_are_read_from_the_file_that_prepare_writes(tmp_path, ca
     write_json(folder / "exposures.json", {"gains": gains})
     scene = load(folder)
     expected = [gains[name] for name in scene.view_names]
-    np.testing.assert_allclose(scene.cameras.gains, expected, rtol=1e-6)
+    np.testing.assert_allclose(scene.gains, expected, rtol=1e-6)
     assert "exposures: differ" in capsys.readouterr().out
     plain = load(folder, photo_gains=False)
-    np.testing.assert_array_equal(plain.cameras.gains, 1.0)
+    np.testing.assert_array_equal(plain.gains, 1.0)
 
 
 @pytest.mark.parametrize("gains", [{}, {"gains": {}}, "zero", [1]])

@@ -97,7 +97,7 @@ def test_a_resumed_run_equals_an_uninterrupted_one(scene, run, tmp_path, monkeyp
 
 def test_other_settings_do_not_go_on_in_the_same_folder(scene, run):
     with pytest.raises(UserError, match=r"losses\.gray was 0\.1, is 0\.5"):
-        train_script.main(flags(scene, run, "Losses.gray = 0.5"))
+        train_script.main(flags(scene, run, "Gamma.gray = 0.5"))
 
 
 def test_seconds_of_training_add_up_over_starts(tmp_path):
@@ -171,9 +171,7 @@ def test_other_light_renders_anew_and_only_changes_the_enhanced_scene(scene, run
 
 
 def test_a_plain_nerf_trains_evaluates_and_renders(scene, tmp_path):
-    arguments = flags(
-        scene, tmp_path, "Model.decomposition = False", "Train.neighbors = 0"
-    )
+    arguments = flags(scene, tmp_path, "Model.enhancement = None")
     for script in (train_script, eval_script, render_script):
         assert script.main(arguments) == 0
     mean = json.loads((tmp_path / "eval" / "metrics.json").read_text())["mean"]
@@ -184,8 +182,8 @@ def test_a_plain_nerf_trains_evaluates_and_renders(scene, tmp_path):
 def test_a_sweep_compares_what_is_done_and_runs_nothing_twice(scene, run, tmp_path):
     eval_script.main(flags(scene, run))
     arguments = flags(scene, tmp_path)
-    variants = ["--variants", "bright: Losses.exposure_target = 0.9"]
-    for name, own in {"full": [], "bright": ["Losses.exposure_target = 0.9"]}.items():
+    variants = ["--variants", "bright: Gamma.exposure_target = 0.9"]
+    for name, own in {"full": [], "bright": ["Gamma.exposure_target = 0.9"]}.items():
         shutil.copytree(run / "eval", tmp_path / name / "eval")
         config = scored_run.config_of(tmp_path / name, [], [*bindings(scene), *own])
         (tmp_path / name / scored_run.RECORD).write_text(to_json(config))
@@ -211,7 +209,7 @@ def test_curves_of_several_runs_share_a_chart_and_leave_out_what_never_changes(
     assert report.training_curves("Training", {"none yet": tmp_path}) == []
 
 
-@pytest.mark.parametrize("text", ["gray 0.2", "a/b: Losses.gray = 0.2"])
+@pytest.mark.parametrize("text", ["gray 0.2", "a/b: Gamma.gray = 0.2"])
 def test_a_variant_that_is_neither_file_nor_bindings_is_refused(text):
     with pytest.raises(UserError, match="variant"):
         sweep_script.parse_variant(text)

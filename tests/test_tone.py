@@ -11,37 +11,33 @@ import numpy as np
 import optax
 import pytest
 
-from benchmarks.tone import Variant, light, meter
 from internal import losses
-from internal.cameras import cast_rays
 from internal.color import linear_to_srgb, srgb_to_linear
 from internal.configs import load_config
-from internal.enhancements.editing import LUMINANCE_WEIGHTS, NEUTRAL, light_edit
+from internal.enhancements.look import LUMINANCE_WEIGHTS, NEUTRAL, Look
 from internal.enhancements.tone import (
     MOST_SATURATION,
-    Meter,
+    Curve,
     Tone,
+    ToneNetwork,
     develop,
     response,
     saturate,
 )
-from internal.models import GammaRendering, Model
-from internal.rendering.pictures import display_for, outputs_of, pictures
-from internal.training.step import initial_state, make_optimizer, tone_terms
+from internal.structs import Colored, Level, LitRendering
+from internal.training.optimizer import make_optimizer
 from tests.conftest import TINY_MODEL
 from tests.test_training import make_run
 
 DARK = jnp.array([[0.02, 0.03, 0.01], [0.1, 0.08, 0.12], [0.0, 0.0, 0.0]])
-BRIGHT = Tone(jnp.float32(5.0), jnp.float32(1.3))
+BRIGHT = Curve(jnp.float32(5.0), jnp.float32(1.3))
 TINY_TONE = (
     *TINY_MODEL,
-    "Model.enhancement = 'tone'",
-    "Losses.exposure = 1.0",
-    "Losses.exposure_target = 0.5",
-    "Train.neighbors = 0",
+    "Model.enhancement = @Tone()",
+    "Tone.exposure_target = 0.5",
     "Train.batch_size = 24",
-    "Optimizer.phi_lr_init = 0.3",
-    "Optimizer.phi_lr_final = 0.03",
+    "Optimizer.enhancement_lr_init = 0.3",
+    "Optimizer.enhancement_lr_final = 0.03",
 )
 
 
@@ -68,14 +64,14 @@ def test_saturation_keeps_luminance_and_gray_and_one_is_identity():
 
 
 def test_develop_is_gain_then_response_in_linear_light():
-    tone = Tone(jnp.float32(5.0), jnp.float32(1.0))
+    tone = Curve(jnp.float32(5.0), jnp.float32(1.0))
     expected = linear_to_srgb(response(32.0 * srgb_to_linear(DARK), 1.3))
     np.testing.assert_allclose(develop(DARK, tone, 1.3, NEUTRAL), expected, rtol=1e-5)
 
 
 def test_strength_goes_from_the_dark_colour_to_the_developed_one():
     def lit(strength):
-        return develop(DARK, BRIGHT, 1.3, light_edit(strength=strength))[:2]
+        return develop(DARK, BRIGHT, 1.3, Look(strength=strength).edit())[:2]
 
     np.testing.assert_allclose(lit(0.0), DARK[:2], rtol=1e-6)
     assert jnp.all((lit(0.0) < lit(0.5)) & (lit(0.5) < lit(1.0)))
@@ -100,20 +96,24 @@ def test_colorfulness_loss_by_hand():
     assert losses.colorfulness_loss(pale, least=0.14) == pytest.approx(0.04**2)
 
 
-def metered(dark: jax.Array) -> tuple[Tone, jax.Array]:
+def metered(dark: jax.Array) -> tuple[Curve, jax.Array]:
     """What 400 steps of metering make of a scene of these colours."""
     config = load_config(["configs/llnerf_best.gin"], [])
+    tone = config.model.enhancement
+    assert isinstance(tone, Tone)
     train = dataclasses.replace(config.train, max_steps=400, enhance_start=0)
     optimizer = make_optimizer(config.optimizer, train)
-    params = {"phi": Meter().init(jax.random.key(0))["params"]}
+    network: Any = tone.network("enhancement")
 
     def lit(params, dark):
-        tone: Any = Meter().apply({"params": params["phi"]})
-        return develop(dark, tone, 1.3, NEUTRAL), tone
+        held = {"params": params["enhancement"]}
+        return network.apply(held, level_of(dark), NEUTRAL)
 
     def loss(params, dark):
-        terms = tone_terms(config.losses, dark, lit(params, dark)[1], 1.3)
-        return sum(terms.values(), jnp.zeros(()))
+        rendering = LitRendering(
+            dark, dark[:, :1], dark[:, :1], dark, lit(params, dark)
+        )
+        return sum(tone.terms(rendering).values(), jnp.zeros(()))
 
     def step(carry, key):
         params, state = carry
@@ -121,11 +121,19 @@ def metered(dark: jax.Array) -> tuple[Tone, jax.Array]:
         updates, state = optimizer.update(jax.grad(loss)(params, some), state, params)
         return (optax.apply_updates(params, updates), state), None
 
+    params = network.init(jax.random.key(0), level_of(dark), NEUTRAL)["params"]
+    params = {"enhancement": params}
     start = params, optimizer.init(params)
     keys = jax.random.split(jax.random.key(1), 400)
     (params, _), _ = jax.jit(lambda start: jax.lax.scan(step, start, keys))(start)
-    enhanced, tone = lit(params, dark)
-    return tone, enhanced
+    held = {"params": params["enhancement"]}
+    return network.apply(held, method=ToneNetwork.curve), lit(params, dark).enhanced
+
+
+def level_of(dark: jax.Array) -> Level:
+    """Rays of these colours, of which nothing else is known."""
+    one = jnp.ones((len(dark), 1))
+    return Level(one, one, dark, Colored(one, dark[:, None]))
 
 
 def scene_of(colour: tuple[float, float, float], darkness: float) -> jax.Array:
@@ -149,22 +157,6 @@ def test_a_pale_scene_gets_the_least_colour_of_normal_photos(darkness):
     assert jnp.mean(jnp.max(enhanced, -1)) == pytest.approx(0.58, abs=0.01)
 
 
-@pytest.mark.parametrize("colour", [(1.0, 0.7, 0.4), (1.0, 0.7, 0.6)])
-def test_metering_by_gradients_finds_what_bisection_finds(colour):
-    dark = scene_of(colour, 0.03)
-    shipped = Variant()
-    *balance, stops, saturation = meter(shipped, dark)
-    tone, _ = metered(dark)
-    assert tone.stops == pytest.approx(stops, abs=0.03)
-    assert tone.saturation == pytest.approx(saturation, abs=0.02)
-    found = Tone(jnp.float32(stops), jnp.float32(saturation))
-    np.testing.assert_allclose(
-        light(shipped, *balance, stops, saturation, dark),
-        develop(dark, found, 1.3, NEUTRAL),
-        atol=1e-5,
-    )
-
-
 def test_a_gray_scene_gets_no_more_colour_than_the_most_saturation_gives():
     tone, enhanced = metered(scene_of((1.0, 1.0, 0.99), 0.05))
     assert tone.saturation <= MOST_SATURATION
@@ -177,28 +169,15 @@ def test_metering_finds_the_exposure_and_leaves_the_field(
     config = load_config([], [*TINY_TONE, "Train.max_steps = 150"])
     run, state = make_run(config, tiny_cameras, tiny_images, ndc, jax.devices()[:1])
     before, _ = run(state, 3)
-    chex.assert_trees_all_equal(before.params["phi"], state.params["phi"])
+    chex.assert_trees_all_equal(
+        before.params["enhancement"], state.params["enhancement"]
+    )
     _, stats = run(before, 147)
     assert stats is not None
     assert stats.terms["exposure"] < 0.05**2  # few pixels: noisy
     plain = load_config(
-        [], [*TINY_TONE, "Train.max_steps = 150", "Losses.exposure = 0.0"]
+        [], [*TINY_TONE, "Train.max_steps = 150", "Tone.exposure = 0.0"]
     )
     unmetered, _ = make_run(plain, tiny_cameras, tiny_images, ndc, jax.devices()[:1])
     quiet, loud = unmetered(state, 5)[0], run(state, 5)[0]
     chex.assert_trees_all_equal(quiet.params["field"], loud.params["field"])
-
-
-def test_the_neutral_tone_model_has_no_alpha_and_v_hat_times_r_is_its_colour(
-    tiny_cameras, ndc
-):
-    config = load_config([], TINY_TONE)
-    model = Model(config.model)
-    params = {"params": initial_state(config, model).params}
-    index = jnp.arange(5)
-    rays = jax.jit(cast_rays)(tiny_cameras, ndc, index % 3, index, index)
-    got = jax.jit(model.apply)(params, rays, ndc, NEUTRAL)
-    picture = jax.tree.map(lambda x: jnp.reshape(x, (1, 5, -1)), got)
-    assert set(pictures(picture, display_for(picture))) == set(outputs_of(config.model))
-    assert not isinstance(got, GammaRendering)
-    np.testing.assert_allclose(got.v_enhanced * got.r, got.enhanced, rtol=1e-5)

@@ -11,21 +11,26 @@ from internal import parallel
 from internal.cameras import cast_rays
 from internal.color import expose, linear_to_srgb, srgb_to_linear
 from internal.configs import load_config
-from internal.enhancements.editing import NEUTRAL
+from internal.enhancements.look import NEUTRAL
 from internal.errors import Diverged
 from internal.models import Model
 from internal.scene import noise
-from internal.training import sampler
+from internal.training import optimizer, sampler
 from internal.training import step as training
 from tests.conftest import TINY_MODEL
 
 
-def make_run(config, cameras, images, space, devices=None, observe=noise.ideal_photo):
+def make_run(
+    config, cameras, images, space, devices=None, observe=noise.ideal_photo, gains=None
+):
     """A function that runs steps from a state, and the initial state."""
+    gains = np.ones((len(images), 3), np.float32) if gains is None else gains
     mesh = parallel.data_mesh(config.train.batch_size, devices)
     model = Model(config.model)
     step = jax.jit(training.make_train_step(config, model, mesh, 0.1, observe))
-    fixed = parallel.replicate((cameras, space, sampler.resident_pixels(images)), mesh)
+    fixed = parallel.replicate(
+        (cameras, space, sampler.resident_pixels(images, gains)), mesh
+    )
     state = parallel.replicate(training.initial_state(config, model), mesh)
 
     def run(state, steps):
@@ -54,15 +59,17 @@ def test_four_devices_give_what_one_gives(
     chex.assert_trees_all_close(one.params, four.params, atol=2e-5)
 
 
-def test_phi_rests_until_enhancement_starts_and_then_learns_alone(tiny_run):
+def test_the_enhancement_rests_until_enhancement_starts_and_then_learns_alone(tiny_run):
     run, start = tiny_run
     before, _ = run(start, 3)
-    chex.assert_trees_all_equal(before.params["phi"], start.params["phi"])
+    chex.assert_trees_all_equal(
+        before.params["enhancement"], start.params["enhancement"]
+    )
     after, stats = run(before, 1)
     changes = jax.tree.map(
         lambda a, b: float(jnp.max(jnp.abs(a - b))),
-        after.params["phi"],
-        before.params["phi"],
+        after.params["enhancement"],
+        before.params["enhancement"],
     )
     # A fresh Adam moves every weight that has a gradient by its learning rate.
     assert max(jax.tree.leaves(changes)) == pytest.approx(1e-3, rel=0.05)
@@ -73,7 +80,7 @@ def test_the_field_does_not_feel_the_enhancement(
     tiny_run, tiny_cameras, tiny_images, ndc
 ):
     run, state = tiny_run
-    loud = load_config([], [*TINY_MODEL, "Losses.exposure = 1e3"])
+    loud = load_config([], [*TINY_MODEL, "Gamma.exposure = 1e3"])
     run_loud, _ = make_run(loud, tiny_cameras, tiny_images, ndc, jax.devices()[:1])
     quiet, loud = run(state, 5)[0], run_loud(state, 5)[0]
     chex.assert_trees_all_equal(quiet.params["field"], loud.params["field"])
@@ -124,22 +131,27 @@ def test_finite_steps_pass_the_check(tiny_run):
     training.check_finite(stats, 1)
     training.check_finite(None, 0)
     numbers = training.summarize(stats)
-    assert {"psnr", "loss/data", "grad_norm/field", "grad_norm/phi"} <= numbers.keys()
+    assert {
+        "psnr",
+        "loss/data",
+        "grad_norm/field",
+        "grad_norm/enhancement",
+    } <= numbers.keys()
 
 
 def test_learning_rate_warms_up_and_decays():
     config = load_config([], []).optimizer
-    schedule = training.field_schedule(config, 105_000)
+    schedule = optimizer.field_schedule(config, 105_000)
     assert schedule(0) == pytest.approx(1e-5, rel=1e-3)
     assert schedule(2500) == pytest.approx(1e-3, rel=1e-3)
     assert schedule(105_000) == pytest.approx(1e-5, rel=1e-2)
 
 
 def test_parts_of_a_batch_average_to_the_whole(tiny_cameras, tiny_images):
-    resident = sampler.resident_pixels(tiny_images)
+    resident = sampler.resident_pixels(tiny_images, np.ones((3, 3), np.float32))
     train = load_config([], TINY_MODEL).train
     key = jax.random.key(0)
-    batch = resident.batch(key, tiny_cameras, train, jnp.int32(0))
+    batch = resident.batch(key, tiny_cameras, train, 2, jnp.int32(0))
 
     def work(batch, key):
         return {"mean": jnp.mean(batch.rgb()), "sum": jnp.mean(batch.pixels.x)}
@@ -185,11 +197,13 @@ def test_known_exposures_explain_the_photos_and_leave_the_scene(tiny_cameras, nd
     gains = np.array([0.5, 1.0, 2.0], np.float32)
     photos = linear_to_srgb(gains * np.asarray(srgb_to_linear(grey)))
     images = tuple(np.full((8, 10, 3), 65535 * float(p), np.uint16) for p in photos)
-    cameras = tiny_cameras.replace(gains=jnp.tile(gains[:, None], 3))
     config = load_config(
         [], [*TINY_MODEL, "Train.max_steps = 150", "Optimizer.lr_init = 1e-2"]
     )
-    run, state = make_run(config, cameras, images, ndc, jax.devices()[:1])
+    run, state = make_run(
+        config, tiny_cameras, images, ndc, jax.devices()[:1],
+        gains=np.tile(gains[:, None], 3),
+    )  # fmt: skip
     state, stats = run(state, 150)
     assert stats.psnr > 25
     index = jnp.arange(3)

@@ -10,6 +10,7 @@ import dataclasses
 import json
 import types
 
+import jax
 import jax.numpy as jnp
 import msgspec
 import numpy as np
@@ -20,18 +21,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from internal.cameras import Lens
-from internal.configs import ModelConfig, load_config
-from internal.enhancements.editing import light_edit
+from internal.configs import Config, ModelConfig, load_config
+from internal.enhancements.gamma import Gamma, GammaLit
+from internal.enhancements.look import Look
 from internal.errors import UserError
 from internal.files import image_io
-from internal.models import GammaRendering, LitRendering, Model
+from internal.models import Model
 from internal.rendering import paths
-from internal.rendering.looks import Look
-from internal.rendering.pictures import EXPLANATIONS, Display
+from internal.rendering.pictures import display_for, outputs_of
 from internal.scene.colmap import lens_directions
 from internal.scene.scene import load_scene
+from internal.structs import LitRendering
 from internal.viewer import takes
-from internal.viewer.canvas import PHOTO, Choice, draw, photo_through, with_gains
+from internal.viewer.canvas import PHOTO, Choice, draw, photo_through
 from internal.viewer.free_camera import PIXELS, FreeCamera, single_camera, vertical_fov
 from internal.viewer.jobs import Job, Speedometer, Task
 from internal.viewer.server import Server
@@ -43,17 +45,17 @@ from tests.scene_writers import facing_world, write_blender
 
 POSE = np.eye(4)[:3]
 CAMERA = FreeCamera(POSE, 0.8, 4 / 3)
-DISPLAY = Display(1.0, 1.0, 1.0, 1.0)
 CHUNK = 4000
 NOWHERE = 9.0
 
 
 def rendering(count: int, level: float = 0.5) -> LitRendering:
     one, three = jnp.full((count, 1), level), jnp.full((count, 3), level)
-    return GammaRendering(
-        rgb=three / 10, depth=one, enhanced=three, v=one, r=three, v_enhanced=three,
-        alpha=one, gamma=three, gamma_energy=one,
-    )  # fmt: skip
+    lit = GammaLit(three, v_enhanced=three, alpha=one, gamma=three, gamma_energy=one)
+    return LitRendering(rgb=three / 10, depth=one, v=one, r=three, lit=lit)
+
+
+DISPLAY = display_for(ModelConfig(), rendering(9))
 
 
 def parts_of(camera, level=0.5):
@@ -81,7 +83,12 @@ class FakeStudio(Studio):
     def __init__(self, scene):
         self.scene, self.turns = scene, Turns()
         self.draft_speed = self.final_speed = FixedSpeed(1.0)
-        self.trained, self.outputs = Trained({}, 7, DISPLAY), tuple(EXPLANATIONS)
+        self._config = Config()
+        self.trained, self.outputs = Trained({}, 7, DISPLAY), outputs_of(ModelConfig())
+        network = Gamma().network("enhancement")
+        self._relight = lambda _, rendering, edit: dataclasses.replace(
+            rendering, lit=network.relight(rendering, edit)
+        )
         self.edits, self.drafts = [], 0
 
     def final(self, trained, camera, edit):
@@ -181,7 +188,7 @@ def test_exposure_and_colour_render_nothing_and_contrast_does(studio, page):
     page.session.light(Look(exposure=1.0, temperature=3000.0, tint=0.2))
     work(studio)
     assert len(studio.edits) == rendered
-    gains = light_edit(1.0, 1.0, 3000.0, 0.2).gains
+    gains = Look(1.0, 1.0, 3000.0, 0.2).edit().coded_gains
     expected = np.round(np.clip(0.5 * gains, 0, 1) * 255)
     np.testing.assert_allclose(page.frames[-1].picture[0, 0], expected, atol=1)
     page.session.light(Look(contrast=2.0))
@@ -191,34 +198,25 @@ def test_exposure_and_colour_render_nothing_and_contrast_does(studio, page):
     np.testing.assert_array_equal(studio.edits[-1].gains, np.ones(3))
 
 
-def test_gains_on_pixels_are_gains_along_rays():
-    gains = np.array([2.0, 1.0, 0.5])
-    lit = with_gains(rendering(4), gains)
-    np.testing.assert_array_equal(lit.enhanced, rendering(4).enhanced * gains)
-    np.testing.assert_array_equal(lit.v_enhanced, rendering(4).v_enhanced * gains)
-    np.testing.assert_array_equal(lit.rgb, rendering(4).rgb)
-
-
 def test_a_split_shows_one_output_on_each_side():
     picture = jax_like(rendering(40 * 30), 30, 40)
     photo = np.ones((30, 40, 3), np.float32)
     choice = Choice("enhanced", "dark", 0.25)
-    drawn = draw(picture, DISPLAY, np.ones(3), choice, photo)
+    drawn = draw(picture, DISPLAY, choice, photo)
     assert (drawn[:, :9] == 128).all()  # 0.5
     assert (drawn[:, 10:] == 13).all()  # 0.05
-    whole = draw(picture, DISPLAY, np.ones(3), Choice(PHOTO), photo)
+    whole = draw(picture, DISPLAY, Choice(PHOTO), photo)
     assert (whole == 255).all()
 
 
 def test_rays_without_a_colour_are_black():
     picture = jax_like(rendering(12, np.nan), 3, 4)
-    drawn = draw(picture, DISPLAY, np.ones(3), Choice(), np.zeros((3, 4, 3), "f4"))
+    drawn = draw(picture, DISPLAY, Choice(), np.zeros((3, 4, 3), "f4"))
     assert (drawn == 0).all()
 
 
 def jax_like(flat, height, width):
-    values = {n: jnp.reshape(x, (height, width, -1)) for n, x in vars(flat).items()}
-    return GammaRendering(**values)
+    return jax.tree.map(lambda x: jnp.reshape(x, (height, width, -1)), flat)
 
 
 def test_a_photo_through_its_own_lens_is_the_photo():

@@ -54,8 +54,11 @@ def slider_media(
         photos = jobs.read_result(out, jobs.dark_photos(data_dir), "")
         shown = {"input": (photos, "unchanged"), "truth": (photos, "truth")}
         shown |= {name: (row, row.output) for name, row in rows.items()}
-        for part in report.PARTS:
-            shown |= {f"{n}: {part}": (row, part) for n, row in rows.items()}
+        shown |= {
+            f"{name}: {part}": (row, part)
+            for name, row in rows.items()
+            for part in report.parts_in(out / row.folder)
+        }
         for output, (result, kind) in shown.items():
             folder = result.picture(out, kind, "any").parent
             before = f"{jobs.scene_name(data_dir)}: "

@@ -15,8 +15,8 @@ import numpy as np
 from internal.comparison.jobs import Result, Results
 from internal.errors import UserError
 from internal.pages.pages import Table
-from internal.pages.tables import as_latex, write_csv
-from internal.scoring.evaluation import LOWER_IS_BETTER, as_text
+from internal.pages.tables import as_latex, as_text, write_csv
+from internal.scoring.evaluation import LOWER_IS_BETTER
 from internal.training import run_folder
 
 RESULTS = "results.json"

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from internal.coord import ForwardFacing, Unbounded, contract
 from internal.models import Model
-from internal.training.step import Params
+from internal.structs import Params
 
 POINTS_PER_CALL = 65_536
 NEAR_INFINITY = 1e-3  # in field space

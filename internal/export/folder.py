@@ -20,9 +20,9 @@ from internal.export.density import Density, from_field_space, normals, to_field
 from internal.export.shapes import Cloud, Mesh
 from internal.export.sightings import Sighting, mean_colors, surface_points
 from internal.files.made_folder import Facts
-from internal.models import LitRendering, Rendering
 from internal.scene import colmap
 from internal.scene.scene import Scene, posed_cameras
+from internal.structs import LitRendering, Rendering
 
 RenderView = Callable[[int], Rendering | LitRendering]
 

@@ -7,12 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from internal.pages import charts, pages, sliders
-from internal.rendering.pictures import EXPLANATIONS
+from internal.scoring.evaluation import BASELINES
 from internal.training import run_folder
 
 NOT_CURVES = frozenset(["step", "seconds"])
-
-PARTS = tuple(name for name in EXPLANATIONS if name not in ("enhanced", "dark"))
 
 Media = Mapping[str, Sequence[tuple[str, str]]]  # by output: (path, view)
 
@@ -28,6 +26,13 @@ def compare_outputs(media: Media, right: str) -> pages.Markup:
         "Compare", "Drag the border. Each side can show any output.", by_view,
         "input", right,
     )  # fmt: skip
+
+
+def parts_in(evaluation: Path) -> tuple[str, ...]:
+    """The outputs of eval.py that explain a model: all but the whole pictures."""
+    whole = {"enhanced", "dark", "input", "truth", *BASELINES}
+    folders = sorted(path.name for path in evaluation.glob("*/"))
+    return tuple(name for name in folders if name not in whole)
 
 
 def pictures_in(root: Path, folder: Path, before: str = "") -> list[tuple[str, str]]:

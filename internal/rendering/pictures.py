@@ -5,80 +5,72 @@ Results are [height, width, 3] sRGB in [0, 1].
 """
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from internal.configs import ModelConfig
-from internal.models import GammaRendering, LitRendering, Rendering
+from internal.enhancements.base import Output
+from internal.structs import LitRendering, Rendering
 
 Picture = Float[np.ndarray, "height width 3"]
 
-EXPLANATIONS = {
-    "enhanced": "the lit scene, c_hat = v_hat * r: the result",
-    "dark": "the scene as photographed, c = v * r",
-    "v": "lighting component v, scaled to be visible",
-    "r": "colour basis r, scaled to be visible",
-    "v_enhanced": "enhanced lighting v_hat, scaled to be visible",
-    "alpha": "alpha of the enhancement: lighting gain is 1 / alpha",
-    "gamma": "gamma of the enhancement: change of the exponent per channel",
-    "depth": "distance, near is bright",
+DARK = {
+    "dark": Output("the scene as photographed: what training fits", lambda x: x.rgb)
 }
+DECOMPOSITION = {
+    "v": Output("lighting component v, scaled to be visible", lambda x: x.v, True),
+    "r": Output("colour basis r, scaled to be visible", lambda x: x.r, True),
+}
+DEPTH = "depth"
+DEPTH_EXPLANATION = "distance, near is bright"
 
 
-def outputs_of(model: ModelConfig) -> tuple[str, ...]:
-    """The outputs that a model has, of ``EXPLANATIONS``."""
-    missing: set[str] = set()
-    if not model.decomposition:
-        missing = EXPLANATIONS.keys() - {"dark", "depth"}
-    elif model.enhancement == "tone":
-        missing = {"alpha", "gamma"}
-    return tuple(name for name in EXPLANATIONS if name not in missing)
+def outputs_of(model: ModelConfig) -> dict[str, str]:
+    """What each output of a model is, by name, the result first."""
+    explained = {name: x.explanation for name, x in _outputs(model).items()}
+    return explained | {DEPTH: DEPTH_EXPLANATION}
 
 
 @dataclasses.dataclass(frozen=True)
 class Display:
     """Scales shared by all pictures of a folder, so that views can be compared."""
 
-    v: float
-    r: float
-    v_enhanced: float
+    outputs: Mapping[str, Output]
+    whites: Mapping[str, float]  # of the outputs that are scaled
     nearest: float  # depth shown white
 
 
-def display_for(rendering: Rendering | LitRendering) -> Display:
+def display_for(model: ModelConfig, rendering: Rendering | LitRendering) -> Display:
     """Scales that suit one rendering: its 99th percentiles become white."""
 
     def white(values: ArrayLike) -> float:
         return max(float(np.percentile(np.asarray(values), 99.0)), 1e-6)
 
-    nearest = float(np.percentile(rendering.depth, 1.0))
-    if not isinstance(rendering, LitRendering):
-        return Display(1.0, 1.0, 1.0, nearest)
-    return Display(
-        white(rendering.v), white(rendering.r), white(rendering.v_enhanced), nearest
-    )
+    outputs = _outputs(model)
+    whites = {name: white(x.of(rendering)) for name, x in outputs.items() if x.scaled}
+    return Display(outputs, whites, float(np.percentile(rendering.depth, 1.0)))
 
 
 def pictures(
     rendering: Rendering | LitRendering, display: Display
 ) -> dict[str, Picture]:
-    """All outputs by name, as in ``EXPLANATIONS``; a plain NeRF has dark and depth."""
+    """All outputs by name, as in ``outputs_of``."""
     shown = {
-        "dark": rendering.rgb,
-        "depth": display.nearest / np.maximum(rendering.depth, display.nearest),
+        name: np.asarray(output.of(rendering)) / display.whites.get(name, 1.0)
+        for name, output in display.outputs.items()
     }
-    if isinstance(rendering, LitRendering):
-        shown |= {
-            "enhanced": rendering.enhanced,
-            "v": rendering.v / display.v,
-            "r": rendering.r / display.r,
-            "v_enhanced": rendering.v_enhanced / display.v_enhanced,
-        }
-    if isinstance(rendering, GammaRendering):
-        shown |= {"alpha": rendering.alpha, "gamma": rendering.gamma}
+    depth = np.asarray(rendering.depth)
+    shown[DEPTH] = display.nearest / np.maximum(depth, display.nearest)
     return {
-        name: np.clip(np.broadcast_to(shown[name], rendering.rgb.shape), 0.0, 1.0)
-        for name in EXPLANATIONS
-        if name in shown
+        name: np.clip(np.broadcast_to(x, rendering.rgb.shape), 0.0, 1.0)
+        for name, x in shown.items()
     }
+
+
+def _outputs(model: ModelConfig) -> dict[str, Output]:
+    if model.enhancement is None:
+        return dict(DARK)
+    own = dict(model.enhancement.outputs)
+    return {"enhanced": own.pop("enhanced"), **DARK, **DECOMPOSITION, **own}

@@ -13,9 +13,9 @@ from jaxtyping import Int
 from internal import parallel
 from internal.cameras import Cameras, cast_rays
 from internal.coord import Space
-from internal.enhancements.editing import NEUTRAL, LightEdit
-from internal.models import LitRendering, Model, Rendering
-from internal.training.step import Params
+from internal.enhancements.look import NEUTRAL, LightEdit
+from internal.models import Model
+from internal.structs import LitRendering, Params, Rendering
 
 
 class Renderer:
@@ -87,12 +87,14 @@ class Renderer:
 
 
 def assemble(parts: Sequence[Any], camera: Cameras) -> Any:
-    """Joins all parts of a single camera's picture, ``[height, width, channels]``."""
+    """Joins all parts of a camera's picture, NumPy ``[height, width, channels]``.
+
+    On the host: pictures come in many shapes, and each would be compiled.
+    """
     width, height = int(camera.widths[0]), int(camera.heights[0])
 
-    def join(*chunks: Array) -> Array:
-        # On the host: pictures come in many shapes, and each would be compiled.
+    def join(*chunks: Array) -> np.ndarray:
         pixels = np.concatenate([np.asarray(chunk) for chunk in chunks])
-        return jnp.asarray(pixels[: width * height].reshape(height, width, -1))
+        return pixels[: width * height].reshape(height, width, -1)
 
     return jax.tree.map(join, *parts)

@@ -58,6 +58,7 @@ class Scene:
     cameras: Cameras  # NumPy arrays, model frame
     images: Sequence[Picture]  # dark input
     truth: Sequence[Picture]  # () without paired truth
+    gains: Float[np.ndarray, "n 3"]  # photo over scene, linear light
     space: ForwardFacing | Unbounded
     near: float  # depth, in the pose file's units
     far: float
@@ -152,9 +153,7 @@ def load_scene(
         view_names=tuple(files.names[v] for v in views),
         image_paths=tuple(files.image_paths[v] for v in views),
         lenses=own_lenses,
-        cameras=dataclasses.replace(
-            posed_cameras(own_lenses, camtoworlds), gains=gains[views]
-        ),
+        cameras=posed_cameras(own_lenses, camtoworlds),
         images=hold(
             (load_picture(files.image_paths[v], lenses[v]) for v in views),
             max_image_memory,
@@ -167,6 +166,7 @@ def load_scene(
             ),
             max_image_memory,
         ),
+        gains=gains[views],
         space=frame.space,
         near=bounds.near,
         far=bounds.far,
@@ -191,7 +191,6 @@ def posed_cameras(
         table_starts=np.array([starts[lens] for lens in lenses], np.int32),
         widths=np.array([lens.width for lens in lenses], np.int32),
         heights=np.array([lens.height for lens in lenses], np.int32),
-        gains=np.ones((len(lenses), 3), np.float32),
     )
 
 
@@ -214,7 +213,7 @@ def _report(
         f"  depth: near {bounds.near:.4g}, far {bounds.far:.4g} ({bounds.source}), "
         f"{len(files.points)} sparse points\n"
         f"  projection: {frame.reason}\n"
-        f"  exposures: {_describe_gains(np.asarray(scene.cameras.gains))}\n"
+        f"  exposures: {_describe_gains(scene.gains)}\n"
         f"  truth: {truth.reason}"
     )
 

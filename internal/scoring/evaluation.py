@@ -7,17 +7,13 @@ truth; one baseline, ``unchanged``, is the dark rendering itself. Pictures are
 [height, width, 3] sRGB in [0, 1].
 """
 
-import json
-from pathlib import Path
-
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from internal import color
-from internal.models import LitRendering, Rendering
-from internal.pages.pages import Table
 from internal.scoring import baselines, metrics
+from internal.structs import LitRendering, Rendering
 
 Scores = dict[str, dict[str, float]]
 Pictures = dict[str, Float[np.ndarray, "_height _width 3"]]  # by name
@@ -92,37 +88,3 @@ def mean_scores(views: dict[str, Scores]) -> Scores:
         }
         for picture in first
     }
-
-
-def score_table(scores: Scores, heading: str) -> Table:
-    """Scores as a table: a row per kind of picture, a column per metric."""
-    names = [n for n in DEFINITIONS if any(n in row for row in scores.values())]
-    text = (
-        "dark is scored against the dark photo, all others against the normal-light "
-        "truth. "
-        + "; ".join(f"{name}: {BASELINES[name][1]}" for name in BASELINES)
-        + "."
-    )
-    rows = tuple(
-        (picture, *(f"{row[n]:.3f}" if n in row else "" for n in names))
-        for picture, row in sorted(scores.items(), key=_enhanced_first)
-    )
-    headers = ("picture", *(DEFINITIONS[name] for name in names))
-    return Table(heading, text, headers, rows)
-
-
-def read_table(metrics_json: Path) -> str:
-    """The mean scores of a ``metrics.json`` in Markdown."""
-    mean = json.loads(metrics_json.read_text())["mean"]
-    return as_text(score_table(mean, ""))
-
-
-def as_text(table: Table) -> str:
-    """A table in Markdown."""
-    lines = [table.headers, tuple("---" for _ in table.headers), *table.rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def _enhanced_first(item: tuple[str, dict[str, float]]) -> int:
-    order = ("enhanced", *BASELINES, "dark")
-    return order.index(item[0])

@@ -8,8 +8,8 @@ from internal.models import Model
 from internal.rendering.pictures import display_for, pictures
 from internal.rendering.renderer import Renderer
 from internal.scene.scene import Scene
+from internal.structs import Params
 from internal.training.run_folder import RunLog
-from internal.training.step import Params
 
 
 class Preview:
@@ -20,6 +20,7 @@ class Preview:
         self, model: Model, scene: Scene, mesh: jax.sharding.Mesh, chunk: int
     ) -> None:
         self._active = jax.process_count() == 1
+        self._config = model.config
         if self._active:
             first = scene.cameras.take(np.array([0]))
             self._renderer = Renderer(model, first, scene.space, mesh, chunk)
@@ -29,5 +30,6 @@ class Preview:
         if not self._active:
             return
         rendering = self._renderer.view(params, 0)
-        for name, picture in pictures(rendering, display_for(rendering)).items():
+        display = display_for(self._config, rendering)
+        for name, picture in pictures(rendering, display).items():
             log.picture(step, name, picture)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which pixels a training step sees, and where their colours come from.
 
-A batch is made of patches: a pixel, and with ``neighbors = 2`` the ones to its
-right and below it, each with its own colour; until ``enhance_start``, when nothing
-asks for neighbours yet, of as many single pixels. The pixels of step k follow from
-the seed and k alone, whatever the number of devices or hosts. Pictures lie end to
+A batch is made of patches: a pixel, and for an enhancement with ``neighbors = 2`` the
+ones to its right and below it, each with its own colour; until ``enhance_start``, when
+nothing asks for neighbours yet, of as many single pixels. The pixels of step k follow
+from the seed and k alone, whatever the number of devices or hosts. Pictures lie end to
 end in one flat uint16 array (65535 is 1.0), on the devices (``ResidentPixels``) or,
 when too large or with several processes, on the hosts (``FedPixels``).
 """
@@ -21,7 +21,7 @@ from jaxtyping import Float, Int, PRNGKeyArray, UInt16
 
 from internal import parallel
 from internal.cameras import Cameras
-from internal.configs import TrainConfig
+from internal.configs import Config, TrainConfig
 from internal.files.picture_store import Picture, PictureStore, gigabytes
 
 # Steps right and down from a patch's centre.
@@ -43,6 +43,7 @@ class Batch:
 
     pixels: Pixels
     levels: UInt16[Array | np.ndarray, "*batch 3"]
+    gains: Float[Array | np.ndarray, "*batch 3"]  # photo over scene, linear light
 
     def rgb(self) -> Float[Array, "*batch 3"]:
         """The colours as sRGB in [0, 1]."""
@@ -58,8 +59,15 @@ class PixelSource(Protocol):
         key: PRNGKeyArray,
         cameras: Cameras,
         train: TrainConfig,
+        neighbors: int,
         step: Int[Array, ""],
     ) -> Batch: ...
+
+
+def neighbors_of(config: Config) -> int:
+    """How many pixels beside each one the enhancement's losses look at."""
+    enhancement = config.model.enhancement
+    return 0 if enhancement is None else enhancement.neighbors
 
 
 def step_keys(seed: int, step: Int[Array, ""]) -> tuple[PRNGKeyArray, PRNGKeyArray]:
@@ -70,7 +78,11 @@ def step_keys(seed: int, step: Int[Array, ""]) -> tuple[PRNGKeyArray, PRNGKeyArr
 
 
 def sample_pixels(
-    key: PRNGKeyArray, cameras: Cameras, train: TrainConfig, step: Int[Array, ""]
+    key: PRNGKeyArray,
+    cameras: Cameras,
+    train: TrainConfig,
+    neighbors: int,
+    step: Int[Array, ""],
 ) -> Pixels:
     """Draws photos evenly, then pixels evenly inside each photo.
 
@@ -79,7 +91,7 @@ def sample_pixels(
     so every member has a colour of its own.
     """
     view_key, x_key, y_key = jax.random.split(key, 3)
-    columns, rows = _OFFSETS[train.neighbors]
+    columns, rows = _OFFSETS[neighbors]
     members = (train.batch_size, len(columns))
     view = jax.random.randint(view_key, members, 0, len(cameras))
     widths = jnp.asarray(cameras.widths)[view]
@@ -106,17 +118,19 @@ class ResidentPixels:
 
     levels: UInt16[Array | np.ndarray, "k 3"]
     starts: Int[Array | np.ndarray, " n"]  # first row of each picture
+    gains: Float[Array | np.ndarray, "n 3"]
 
     def batch(
         self,
         key: PRNGKeyArray,
         cameras: Cameras,
         train: TrainConfig,
+        neighbors: int,
         step: Int[Array, ""],
     ) -> Batch:
-        pixels = sample_pixels(key, cameras, train, step)
+        pixels = sample_pixels(key, cameras, train, neighbors, step)
         rows = flat_rows(pixels, self.starts, cameras.widths)
-        return Batch(pixels, self.levels[rows])
+        return Batch(pixels, self.levels[rows], self.gains[pixels.view])
 
 
 @struct.dataclass
@@ -130,6 +144,7 @@ class FedPixels:
         key: PRNGKeyArray,
         cameras: Cameras,
         train: TrainConfig,
+        neighbors: int,
         step: Int[Array, ""],
     ) -> Batch:
         return self.fed
@@ -145,12 +160,14 @@ def flat_rows(
     return starts[pixels.view] + pixels.y * widths[pixels.view] + pixels.x
 
 
-def resident_pixels(images: Sequence[Picture]) -> ResidentPixels:
+def resident_pixels(
+    images: Sequence[Picture], gains: Float[np.ndarray, "n 3"]
+) -> ResidentPixels:
     """All pictures, flat."""
     sizes = [image.shape[0] * image.shape[1] for image in images]
     starts = np.cumsum([0, *sizes[:-1]]).astype(np.int32)
     return ResidentPixels(
-        np.concatenate([image.reshape(-1, 3) for image in images]), starts
+        np.concatenate([image.reshape(-1, 3) for image in images]), starts, gains
     )
 
 
@@ -160,18 +177,19 @@ class PixelFeeder:
     def __init__(
         self,
         images: PictureStore,
+        gains: Float[np.ndarray, "n 3"],
         cameras: Cameras,
         mesh: jax.sharding.Mesh,
-        train: TrainConfig,
+        config: Config,
     ) -> None:
-        self._images = images
+        self._images, self._gains = images, gains
         self._mesh = mesh
-        self._share = parallel.process_share(train.batch_size)
+        self._share = parallel.process_share(config.train.batch_size)
 
         @jax.jit
         def sample(step: Int[Array, ""]) -> Pixels:
-            key, _ = step_keys(train.seed, step)
-            return sample_pixels(key, cameras, train, step)
+            key, _ = step_keys(config.train.seed, step)
+            return sample_pixels(key, cameras, config.train, neighbors_of(config), step)
 
         self._sample = sample
 
@@ -180,26 +198,27 @@ class PixelFeeder:
         sampled = jax.device_get(self._sample(np.int32(step)))
         pixels = jax.tree.map(lambda x: x[self._share], sampled)
         levels = self._images.pixels(pixels.view, pixels.x, pixels.y)
-        return FedPixels(parallel.shard_batch(Batch(pixels, levels), self._mesh))
+        batch = Batch(pixels, levels, self._gains[pixels.view])
+        return FedPixels(parallel.shard_batch(batch, self._mesh))
 
 
 def pixel_source(
     images: Sequence[Picture],
+    gains: Float[np.ndarray, "n 3"],
     cameras: Cameras,
     mesh: jax.sharding.Mesh,
-    train: TrainConfig,
-    max_image_memory: float,
+    config: Config,
 ) -> Callable[[int], PixelSource]:
     """What gives the train step its pixels, as a function of the finished steps.
 
-    Args:
-        max_image_memory: gigabytes of pictures that may lie on a device; larger
-            sets, and all sets of a run of several processes, are fed by the host.
+    Pictures larger than ``Config.max_image_memory`` gigabytes, and all pictures of a
+    run of several processes, are fed by the host.
     """
+    size = gigabytes(images)
     stored = isinstance(images, PictureStore)
-    if stored or jax.process_count() > 1 or gigabytes(images) > max_image_memory:
-        print(f"pictures: {gigabytes(images):.2f} GB, fed from the host", flush=True)
+    if stored or jax.process_count() > 1 or size > config.max_image_memory:
+        print(f"pictures: {size:.2f} GB, fed from the host", flush=True)
         store = images if isinstance(images, PictureStore) else PictureStore(images)
-        return PixelFeeder(store, cameras, mesh, train).feed
-    resident = parallel.replicate(resident_pixels(images), mesh)
+        return PixelFeeder(store, gains, cameras, mesh, config).feed
+    resident = parallel.replicate(resident_pixels(images, gains), mesh)
     return lambda step: resident

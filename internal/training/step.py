@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The train step: one pure function from (state, pixels) to (state, numbers).
 
-Total loss = data + coarse * data of the coarse levels + distortion
-           + L_c (exposure, gray world, norm of gamma) + L_s (alpha, gamma),
-L_c and L_s from ``Train.enhance_start`` on. The field learns from the first three
-terms alone, phi from the others alone; each has its own Adam.
+Total loss = data + coarse * data of the coarse levels + distortion + interlevel
+           + the terms of the enhancement,
+the last from ``Train.enhance_start`` on. The field learns from all but them, the
+enhancement from them alone; each has its own Adam.
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -17,24 +18,26 @@ import optax
 from flax import struct
 from jax import Array
 from jax.lax import stop_gradient
-from jaxtyping import ArrayLike, Float, PRNGKeyArray
+from jaxtyping import Float, PRNGKeyArray
 
 from internal import color, losses, parallel, stepfun
 from internal.cameras import Cameras, Rays, cast_rays
-from internal.configs import Config, LossConfig, OptimizerConfig, TrainConfig
+from internal.configs import Config, LossConfig
 from internal.coord import ForwardFacing, Space
-from internal.enhancements.editing import NEUTRAL
-from internal.enhancements.tone import Meter, Tone, develop
+from internal.enhancements.look import NEUTRAL
 from internal.errors import Diverged
-from internal.models import GammaRendering, Histogram, Level, Model
+from internal.models import Model
 from internal.scene import noise
 from internal.scene.scene import Scene
-from internal.training.sampler import Batch, PixelSource, pixel_source, step_keys
-
-METERED = 0.01  # sRGB: an exposure as near as this is right
-
-Params = Any  # flax's nested dictionary of arrays by module name
-Terms = dict[str, Float[Array, ""]]  # weighted loss terms by name
+from internal.structs import Level, Levels, Params, Terms
+from internal.training.optimizer import ENHANCEMENT, group_params, make_optimizer
+from internal.training.sampler import (
+    Batch,
+    PixelSource,
+    neighbors_of,
+    pixel_source,
+    step_keys,
+)
 
 
 @struct.dataclass
@@ -52,61 +55,9 @@ class StepStats:
     the state as it was, so the state is always the last good one."""
 
     terms: Terms
-    grad_norms: Terms  # of the field and of phi, before clipping
+    grad_norms: Terms  # of the field and of the enhancement, before clipping
     psnr: Float[Array, ""]  # dark rendering against this batch's pixels
     finite: Array
-
-
-def make_optimizer(
-    optimizer: OptimizerConfig, train: TrainConfig
-) -> optax.GradientTransformation:
-    """Clipped Adam for the field over the whole run; for phi one that starts fresh
-    at ``enhance_start``, with a schedule of its own."""
-
-    def started(step: ArrayLike, **_: object) -> Array:
-        return jnp.asarray(step) >= train.enhance_start
-
-    def group(schedule: optax.Schedule) -> optax.GradientTransformation:
-        clips = [optax.clip(optimizer.clip_value)] * (optimizer.clip_value > 0.0)
-        clips += [optax.clip_by_global_norm(optimizer.clip_norm)] * (
-            optimizer.clip_norm > 0.0
-        )
-        adam = optax.adam(schedule, b2=optimizer.b2, eps=optimizer.eps)
-        return optax.chain(*clips, adam)
-
-    phi_steps = max(train.max_steps - train.enhance_start, 1)
-    return optax.partition(
-        {
-            "field": group(field_schedule(optimizer, train.max_steps)),
-            "phi": optax.transforms.conditionally_transform(
-                group(
-                    optax.exponential_decay(
-                        optimizer.phi_lr_init,
-                        phi_steps,
-                        optimizer.phi_lr_final / optimizer.phi_lr_init,
-                    )
-                ),
-                started,
-            ),
-        },
-        lambda params: {name: _group(name) for name in params},
-    )
-
-
-def _group(module: str) -> str:
-    """Who trains a top-level module: proposals learn with the field they serve."""
-    return "phi" if module == "phi" else "field"
-
-
-def field_schedule(optimizer: OptimizerConfig, max_steps: int) -> optax.Schedule:
-    """Log-linear decay with a warm-up."""
-    return optax.warmup_exponential_decay_schedule(
-        init_value=optimizer.lr_init * optimizer.warmup_factor,
-        peak_value=optimizer.lr_init,
-        warmup_steps=optimizer.warmup_steps,
-        transition_steps=max(max_steps - optimizer.warmup_steps, 1),
-        decay_rate=optimizer.lr_final / optimizer.lr_init,
-    )
 
 
 def initial_state(config: Config, model: Model) -> TrainState:
@@ -122,7 +73,7 @@ def initial_state(config: Config, model: Model) -> TrainState:
 
 def field_terms(
     config: LossConfig,
-    levels: list[Histogram],
+    levels: Levels,
     photos: list[Float[Array, "rays 3"]],
     rgb: Float[Array, "rays 3"],
     eps: float,
@@ -134,16 +85,12 @@ def field_terms(
         rgb: what it does show.
         eps: the data term's epsilon_2.
     """
-    last = levels[-1]
+    last = levels.last
     data = [losses.data_loss(photo, rgb, eps=eps) for photo in photos]
+    held = stop_gradient((last.s_edges, last.weights))
     lacks = [
-        jnp.mean(
-            stepfun.interlevel(
-                *stop_gradient((last.s_edges, last.weights)), x.s_edges, x.weights
-            )
-        )
-        for x in levels
-        if not isinstance(x, Level)
+        jnp.mean(stepfun.interlevel(*held, x.s_edges, x.weights))
+        for x in levels.proposals
     ]
     spread = stepfun.distortion(last.s_edges, last.weights)
     terms = {"data": data[-1], "distortion": config.distortion * jnp.mean(spread)}
@@ -154,47 +101,102 @@ def field_terms(
     return terms
 
 
-def tone_terms(
-    config: LossConfig, dark: Float[Array, "rays 3"], tone: Tone, contrast: float
-) -> Terms:
-    """Weighted terms that meter a tone curve. The exposure answers to the first alone
-    and the saturation to the second alone, once the exposure is right: in the dark
-    every scene is pale."""
-    held = stop_gradient(tone)
-    exposed = develop(dark, Tone(tone.stops, held.saturation), contrast, NEUTRAL)
-    colored = develop(dark, Tone(held.stops, tone.saturation), contrast, NEUTRAL)
-    metering = losses.metering_loss(exposed, target=config.exposure_target)
-    pale = losses.colorfulness_loss(colored, least=config.least_colorfulness)
-    metered = stop_gradient(metering) < METERED**2
-    return {
-        "exposure": config.exposure * metering,
-        "colorfulness": config.colorfulness * jnp.where(metered, pale, 0.0),
-    }
+@dataclasses.dataclass(frozen=True)
+class Teacher:
+    """The two losses of a model and their gradients.
+
+    Since the enhancement's losses stop at the enhancement and the field's never reach
+    it, each gets a gradient of its own.
+    """
+
+    config: Config
+    model: Model
+    data_eps: float
+    observe: noise.Observation  # what photos show of a colour on average
+
+    def teach_field(
+        self, params: Params, rays: Rays, space: Space, batch: Batch, key: PRNGKeyArray
+    ) -> tuple[Params, Level, Float[Array, "rays 3"], Terms]:
+        """Gradient of the field's terms, its last level, what it says the photos
+        show, and the terms."""
+        rgb = jnp.reshape(batch.rgb(), (-1, 3))
+        gain = jnp.reshape(jnp.asarray(batch.gains), (-1, 3))
+        march: Any = functools.partial(self.model.apply, method="march")
+
+        def loss(params: Params) -> tuple[Float[Array, ""], Any]:
+            levels: Levels = march({"params": params}, rays, space, key)
+            colored = (*levels.coarse, levels.last)
+            photos = [self.observe(color.expose(x.rgb, gain)) for x in colored]
+            terms = field_terms(self.config.losses, levels, photos, rgb, self.data_eps)
+            total = sum(terms.values(), jnp.zeros(()))
+            return total, (levels.last, photos[-1], terms)
+
+        own = group_params(params, "field")
+        grads, (last, photo, terms) = jax.grad(loss, has_aux=True)(own)
+        return grads, last, photo, terms
+
+    def teach_enhancement(
+        self, params: Params, level: Level, space: Space
+    ) -> tuple[Params, Terms]:
+        """Gradient of the enhancement's terms, and the terms."""
+        enhancement = self.config.model.enhancement
+        assert enhancement is not None
+        light_up: Any = functools.partial(self.model.apply, method="light_up")
+
+        def loss(params: Params) -> tuple[Float[Array, ""], Terms]:
+            rendering = light_up({"params": params}, level, space, NEUTRAL)
+            terms = enhancement.terms(rendering)
+            return sum(terms.values(), jnp.zeros(())), terms
+
+        return jax.grad(loss, has_aux=True)(group_params(params, ENHANCEMENT))
 
 
-def phi_terms(
-    config: LossConfig, rendering: GammaRendering, patches: int, neighbors: int
-) -> Terms:
-    """Weighted terms that teach phi: L_c and L_s of the paper."""
-    members = (patches, neighbors + 1, -1)
-    smooth = functools.partial(
-        losses.smoothness_loss,
-        v=rendering.v.reshape(members),
-        beta=config.smooth_beta,
-        eps=config.smooth_eps,
+def gradients(
+    teacher: Teacher,
+    state: TrainState,
+    rays: Rays,
+    space: Space,
+    batch: Batch,
+    key: Any,
+) -> tuple[Params, Terms, Float[Array, ""]]:
+    """Gradients, loss terms and mean squared error over some of a batch. The
+    enhancement costs nothing before ``enhance_start``."""
+    grads, last, photo, terms = teacher.teach_field(
+        state.params, rays, space, batch, key
     )
-    return {
-        "exposure": config.exposure
-        * losses.exposure_loss(rendering.enhanced, target=config.exposure_target),
-        "gray": config.gray
-        * losses.gray_world_loss(
-            rendering.enhanced, rendering.r, bias=config.gray_bias
-        ),
-        "gamma_norm": config.gamma_norm
-        * losses.gamma_norm_loss(rendering.gamma_energy),
-        "alpha_smooth": config.alpha_smooth * smooth(rendering.alpha.reshape(members)),
-        "gamma_smooth": config.gamma_smooth * smooth(rendering.gamma.reshape(members)),
-    }
+    if teacher.config.model.enhancement is not None:
+        teach = functools.partial(teacher.teach_enhancement, level=last, space=space)
+        shapes = jax.eval_shape(teach, state.params)
+        lit_grads, lit_terms = jax.lax.cond(
+            state.step >= teacher.config.train.enhance_start,
+            teach,
+            lambda _: optax.tree.zeros_like(shapes),
+            state.params,
+        )
+        grads, terms = grads | lit_grads, terms | lit_terms
+    rgb = jnp.reshape(batch.rgb(), (-1, 3))
+    return grads, terms, jnp.mean((jnp.clip(photo, 0.0, 1.0) - rgb) ** 2)
+
+
+def apply_if_finite(
+    optimizer: optax.GradientTransformation,
+    state: TrainState,
+    grads: Params,
+    terms: Terms,
+) -> tuple[TrainState, Terms, Array]:
+    """The state after a step, or as it was where a number is not finite; the norms of
+    each group's gradient, and whether all was finite."""
+
+    def apply(state: TrainState, grads: Params) -> TrainState:
+        updates, opt_state = optimizer.update(grads, state.opt_state, state.params)
+        params = optax.apply_updates(state.params, updates)
+        return TrainState(state.step + 1, params, opt_state)
+
+    groups = {name: group_params(grads, name) for name in (ENHANCEMENT, "field")}
+    norms = {name: optax.global_norm(own) for name, own in groups.items() if own}
+    finite = jnp.all(jnp.isfinite(jnp.stack([*terms.values(), *norms.values()])))
+    kept = jax.lax.cond(finite, apply, lambda state, _: state, state, grads)
+    return kept, norms, finite
 
 
 def make_train_step(
@@ -209,8 +211,7 @@ def make_train_step(
     The batch is split over ``mesh``; the losses are means over all of it, so the
     result does not depend on how many devices share the work, nor on
     ``Train.passes``, in which the batch is worked off one part after the other to
-    save memory. Since phi's losses stop at phi and the field's never reach it, each
-    gets a gradient of its own, and phi costs nothing before ``enhance_start``.
+    save memory.
 
     Args:
         brightness: mean of the training photos, sRGB.
@@ -219,86 +220,24 @@ def make_train_step(
     train = config.train
     optimizer = make_optimizer(config.optimizer, train)
     data_eps = config.losses.data_eps + config.losses.data_eps_of_mean * brightness
-    march: Any = functools.partial(model.apply, method="march")
-    light_up: Any = functools.partial(model.apply, method="light_up")
-
-    def field_loss(
-        params: Params,
-        rgb: Float[Array, "rays 3"],
-        gain: Float[Array, "rays 3"],
-        rays: Rays,
-        space: Space,
-        key: PRNGKeyArray,
-    ) -> tuple[Float[Array, ""], tuple[Level, Float[Array, "rays 3"], Terms]]:
-        levels = march({"params": params}, rays, space, key)
-        colored = [x for x in levels if isinstance(x, Level)]
-        photos = [observe(color.expose(x.rgb, gain)) for x in colored]
-        terms = field_terms(config.losses, levels, photos, rgb, data_eps)
-        return sum(terms.values(), jnp.zeros(())), (levels[-1], photos[-1], terms)
-
-    def phi_loss(
-        params: Params, level: Level, space: Space
-    ) -> tuple[Float[Array, ""], Terms]:
-        if config.model.enhancement == "tone":
-            tone: Any = Meter().apply({"params": params})
-            contrast = config.model.tone_contrast
-            terms = tone_terms(config.losses, level.rgb, tone, contrast)
-        else:
-            rendering = light_up({"params": {"phi": params}}, level, space, NEUTRAL)
-            patches = train.batch_size // train.passes
-            terms = phi_terms(config.losses, rendering, patches, train.neighbors)
-        return sum(terms.values(), jnp.zeros(())), terms
-
-    def gradients(
-        state: TrainState, cameras: Cameras, space: Space, batch: Batch, key: Array
-    ) -> tuple[Params, Terms, Float[Array, ""]]:
-        """Gradients, loss terms and mean squared error over some of a batch."""
-        batch = jax.lax.with_sharding_constraint(batch, parallel.batch_sharding(mesh))
-        pixels = jax.tree.map(jnp.ravel, batch.pixels)
-        rgb = jnp.reshape(batch.rgb(), (-1, 3))
-        gain = jnp.asarray(cameras.gains)[pixels.view]
-        rays = cast_rays(cameras, space, pixels.view, pixels.x, pixels.y)
-        field_params = {k: x for k, x in state.params.items() if _group(k) == "field"}
-        grads, (last, photo, terms) = jax.grad(field_loss, has_aux=True)(
-            field_params, rgb, gain, rays, space, key
-        )
-        if config.model.decomposition:
-            phi_gradient = functools.partial(
-                jax.grad(phi_loss, has_aux=True), level=last, space=space
-            )
-            shapes = jax.eval_shape(phi_gradient, state.params["phi"])
-            grads["phi"], enhancement_terms = jax.lax.cond(
-                state.step >= train.enhance_start,
-                phi_gradient,
-                lambda _: optax.tree.zeros_like(shapes),
-                state.params["phi"],
-            )
-            terms = terms | enhancement_terms
-        return grads, terms, jnp.mean((jnp.clip(photo, 0.0, 1.0) - rgb) ** 2)
-
-    def apply(state: TrainState, grads: Params) -> TrainState:
-        updates, opt_state = optimizer.update(grads, state.opt_state, state.params)
-        params = optax.apply_updates(state.params, updates)
-        return TrainState(state.step + 1, params, opt_state)
+    teacher = Teacher(config, model, data_eps, observe)
+    neighbors = neighbors_of(config)
 
     def train_step(
         state: TrainState, cameras: Cameras, space: Space, source: PixelSource
     ) -> tuple[TrainState, StepStats]:
         pixel_key, render_key = step_keys(train.seed, state.step)
-        batch = source.batch(pixel_key, cameras, train, state.step)
-        work = functools.partial(gradients, state, cameras, space)
-        grads, terms, error = mean_over_parts(work, batch, render_key, train.passes)
+        batch = source.batch(pixel_key, cameras, train, neighbors, state.step)
 
-        grad_norms = {
-            group: optax.global_norm(
-                {k: x for k, x in grads.items() if _group(k) == group}
-            )
-            for group in sorted({_group(k) for k in grads})
-        }
-        numbers = jnp.stack([*terms.values(), *grad_norms.values()])
-        finite = jnp.all(jnp.isfinite(numbers))
-        kept = jax.lax.cond(finite, apply, lambda state, _: state, state, grads)
-        return kept, StepStats(terms, grad_norms, psnr(error), finite)
+        def work(part: Batch, key: PRNGKeyArray) -> tuple[Params, Terms, Array]:
+            part = jax.lax.with_sharding_constraint(part, parallel.batch_sharding(mesh))
+            pixels = jax.tree.map(jnp.ravel, part.pixels)
+            rays = cast_rays(cameras, space, pixels.view, pixels.x, pixels.y)
+            return gradients(teacher, state, rays, space, part, key)
+
+        grads, terms, error = mean_over_parts(work, batch, render_key, train.passes)
+        kept, norms, finite = apply_if_finite(optimizer, state, grads, terms)
+        return kept, StepStats(terms, norms, psnr(error), finite)
 
     return train_step
 
@@ -312,7 +251,7 @@ def compiled_step(
     host when too large; ``scene`` is the training split.
     """
     pixels_of_step = pixel_source(
-        scene.images, scene.cameras, mesh, config.train, config.max_image_memory
+        scene.images, scene.gains, scene.cameras, mesh, config
     )
     cameras, space = parallel.replicate((scene.cameras, scene.space), mesh)
     ideal = config.losses.observation == "ideal"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a rendering to the picture in the browser: light gains, choice, split.
+"""From a rendering to the picture in the browser: choice of outputs, and a split.
 
-Everything here is cheap: turning exposure or colour, choosing another output and
-dragging the split need no new rendering.
+Everything here is cheap: choosing another output and dragging the split need no new
+rendering.
 """
 
 import dataclasses
@@ -12,9 +12,9 @@ from jaxtyping import Float, UInt8
 
 from internal import color
 from internal.cameras import Lens
-from internal.models import LitRendering, Rendering
 from internal.rendering.pictures import Display, Picture, pictures
 from internal.scene import colmap
+from internal.structs import LitRendering, Rendering
 
 PHOTO = "photo"
 NOTHING = "nothing"
@@ -33,19 +33,16 @@ class Choice:
 def draw(
     rendering: Rendering | LitRendering,
     display: Display,
-    gains: Float[np.ndarray, " 3"],
     choice: Choice,
     photo: Picture,
 ) -> UInt8[np.ndarray, "height width 3"]:
     """The picture that a user sees.
 
     Args:
-        rendering: rendered without the light's gains.
         display: scales of outputs that are not colours.
-        gains: of the light, on display-coded red, green and blue.
         photo: what ``PHOTO`` shows, at the rendering's size.
     """
-    shown = pictures(with_gains(rendering, gains), display) | {PHOTO: photo}
+    shown = pictures(rendering, display) | {PHOTO: photo}
     left = shown.get(choice.left, shown["dark"])
     if choice.right == NOTHING:
         return _to_uint8(left)
@@ -56,22 +53,6 @@ def draw(
     thickness = max(width // 250, 1)
     joined[:, max(column - thickness, 0) : column] = LINE_GREY
     return _to_uint8(joined)
-
-
-def with_gains(
-    rendering: Rendering | LitRendering, gains: Float[np.ndarray, " 3"]
-) -> Rendering | LitRendering:
-    """The rendering under a brighter or differently coloured light.
-
-    Gains multiply v_hat at every sample alike, hence the composited pixels too.
-    """
-    if not isinstance(rendering, LitRendering):
-        return rendering
-    return dataclasses.replace(
-        rendering,
-        enhanced=rendering.enhanced * gains,
-        v_enhanced=rendering.v_enhanced * gains,
-    )
 
 
 def photo_through(

@@ -47,7 +47,6 @@ def single_camera(camtoworld: Float[np.ndarray, "3 4"], lens: Lens) -> Cameras:
         table_starts=np.zeros(1, np.int32),
         widths=np.array([lens.width], np.int32),
         heights=np.array([lens.height], np.int32),
-        gains=np.ones((1, 3), np.float32),
     )
 
 

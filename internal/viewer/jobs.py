@@ -13,8 +13,8 @@ from typing import Protocol, runtime_checkable
 import jax
 
 from internal.cameras import Cameras
-from internal.models import LitRendering, Rendering
 from internal.rendering.renderer import assemble
+from internal.structs import LitRendering, Rendering
 
 Parts = Iterator[Rendering | LitRendering]
 Finish = Callable[[Rendering | LitRendering], None]

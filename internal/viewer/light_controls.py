@@ -5,8 +5,7 @@ from collections.abc import Callable
 
 import viser
 
-from internal.enhancements.editing import CONTRAST_RANGE, KELVIN_RANGE, TINT_RANGE
-from internal.rendering.looks import Look
+from internal.enhancements.look import CONTRAST_RANGE, KELVIN_RANGE, TINT_RANGE, Look
 from internal.viewer.handlers import Guard, on_change
 
 NEUTRAL = Look()

@@ -1,20 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controls that say which outputs are seen, and where one borders on another."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 
 import viser
 
-from internal.rendering.pictures import EXPLANATIONS
 from internal.viewer.border import Border, split_at
 from internal.viewer.canvas import NOTHING, PHOTO, Choice
 from internal.viewer.handlers import Guard, on_change
 from internal.viewer.stage import camera_of
 
-TEXTS = {
-    **EXPLANATIONS,
-    PHOTO: "the dark photo taken nearest to here, exact at its place",
-}
+PHOTO_EXPLANATION = "the dark photo taken nearest to here, exact at its place"
 
 
 class OutputChooser:
@@ -23,17 +19,18 @@ class OutputChooser:
     def __init__(
         self,
         client: viser.ClientHandle,
-        outputs: Sequence[str],
+        outputs: Mapping[str, str],
         border: Border,
         chosen: Callable[[Choice], None],
         guarded: Guard,
     ) -> None:
         """
         Args:
-            outputs: the first is shown at first.
+            outputs: what each is; the first is shown at first.
             chosen: told each new choice.
         """
         gui = client.gui
+        self._texts = {**outputs, PHOTO: PHOTO_EXPLANATION}
         self._client, self._border, self._chosen = client, border, chosen
         self._left = gui.add_dropdown("Picture", [*outputs, PHOTO])
         self._right = gui.add_dropdown("Beside it", [NOTHING, *outputs, PHOTO])
@@ -68,5 +65,5 @@ class OutputChooser:
     def _explain(self) -> str:
         shown = [self.choice.left, self.choice.right]
         return "  \n".join(
-            f"*{name}: {TEXTS[name]}*" for name in shown if name in TEXTS
+            f"*{name}: {self._texts[name]}*" for name in shown if name in self._texts
         )

@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import UInt8
 
 from internal.color import from_uint16
+from internal.enhancements.look import Look, same_edit
 from internal.errors import one_line
-from internal.models import LitRendering, Rendering
-from internal.rendering.looks import Look
 from internal.rendering.pictures import Picture
 from internal.scene.colmap import lens_directions
+from internal.structs import LitRendering, Rendering
 from internal.viewer import takes
 from internal.viewer.canvas import PHOTO, Choice, draw, photo_through
 from internal.viewer.free_camera import COARSE_PIXELS, PIXELS, FreeCamera, single_camera
@@ -56,7 +56,7 @@ class Frame:
 
 @dataclasses.dataclass(frozen=True)
 class _Shown:
-    """The last rendering, kept to be drawn again under other gains or choices."""
+    """The last rendering, kept to be drawn again under other looks or choices."""
 
     rendering: Rendering | LitRendering
     camera: FreeCamera
@@ -89,11 +89,12 @@ class Session:
         self._studio.turns.wake()
 
     def light(self, look: Look) -> None:
-        """Wants that light; all but strength and contrast without rendering."""
+        """Wants that light; without following rays anew where they need not know."""
         look.edit()
+        along_rays = self._studio.along_rays
         with self._lock:
             before, self.look = self.look, look
-            if (before.strength, before.contrast) == (look.strength, look.contrast):
+            if same_edit(along_rays(before), along_rays(look)):
                 self._redraw = True
             else:
                 self._wanted = self.camera
@@ -166,7 +167,7 @@ class Session:
     def _start(self, camera: FreeCamera, look: Look) -> Job:
         """Renders from there: as fine as is quick, then finer up to the wanted size."""
         studio, full = self._studio, PIXELS[self.size]
-        trained, edit = studio.trained, look.edit().without_gains()
+        trained, edit = studio.trained, studio.along_rays(look)
         quick = studio.draft_speed.rays_per_second * SECONDS_TO_FIRST_PICTURE
         drafts = [pixels for pixels in COARSE_PIXELS if pixels < full]
         drafts = drafts[max(sum(pixels <= quick for pixels in drafts) - 1, 0) :]
@@ -189,11 +190,8 @@ class Session:
         shown = self._shown
         if shown is None:
             return
-        gains = np.asarray(self.look.edit().gains)
-        picture = draw(
-            shown.rendering, shown.trained.display, gains, self.choice,
-            self._photo(shown),
-        )  # fmt: skip
+        lit = self._studio.relit(shown.trained, shown.rendering, self.look)
+        picture = draw(lit, shown.trained.display, self.choice, self._photo(shown))
         times = self._times
         elapsed = times[-1] - times[0]
         frames_per_second = (len(times) - 1) / elapsed if elapsed > 0.0 else 0.0

@@ -2,7 +2,9 @@
 """What all users of a viewer share: the scene, the newest model, the computer."""
 
 import dataclasses
+import functools
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -11,13 +13,13 @@ from jaxtyping import Float
 from internal import parallel
 from internal.cameras import Cameras
 from internal.configs import Config
-from internal.enhancements.editing import LightEdit
+from internal.enhancements.look import NEUTRAL, LightEdit, Look
 from internal.models import Model
 from internal.rendering.pictures import Display, display_for, outputs_of
 from internal.rendering.renderer import Renderer
 from internal.scene.scene import Scene
+from internal.structs import LitRendering, Params, Rendering
 from internal.training.checkpoints import Checkpoints, load_trained
-from internal.training.step import Params
 from internal.viewer.free_camera import FreeCamera, single_camera, vertical_fov
 from internal.viewer.jobs import Speedometer, Task
 from internal.viewer.sharing import Turns
@@ -54,6 +56,7 @@ class Studio:
         model, state = load_trained(config, self._mesh)
         chunk = min(config.render.chunk, LARGEST_CHUNK)
         self.outputs = outputs_of(config.model)
+        self._relight: Any = jax.jit(functools.partial(model.apply, method="relight"))
         view = scene.cameras, scene.space, self._mesh, chunk
         self._renderer = Renderer(model, *view)
         self._draft_renderer = Renderer(with_fewer_samples(model), *view)
@@ -68,6 +71,20 @@ class Studio:
         """A quicker one, for a camera that moves."""
         parts = self._draft_renderer.parts(trained.params, camera, edit)
         return Task(camera, parts, self.draft_speed)
+
+    def along_rays(self, look: Look) -> LightEdit:
+        """The part of a look that rays must know while they are followed."""
+        enhancement = self._config.model.enhancement
+        return NEUTRAL if enhancement is None else enhancement.along_rays(look.edit())
+
+    def relit(
+        self, trained: Trained, rendering: Rendering | LitRendering, look: Look
+    ) -> Rendering | LitRendering:
+        """A rendering under ``along_rays(look)``, with the rest of the look."""
+        if not isinstance(rendering, LitRendering):
+            return rendering
+        lit = self._relight({"params": trained.params}, rendering, look.edit())
+        return jax.tree.map(np.asarray, lit)
 
     def view_camera(self, view: int) -> FreeCamera:
         """The user's camera at a photo's place."""
@@ -114,7 +131,7 @@ class Studio:
         lens = self.scene.lenses[0]
         camera = single_camera(np.asarray(self.scene.cameras.camtoworlds[0]), lens)
         rendering = self._renderer.picture(params, camera)
-        return Trained(params, step, display_for(rendering))
+        return Trained(params, step, display_for(self._config.model, rendering))
 
 
 def with_fewer_samples(model: Model) -> Model:

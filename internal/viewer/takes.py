@@ -12,14 +12,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from internal.enhancements.look import Look
 from internal.errors import UserError
 from internal.files import image_io
-from internal.models import LitRendering, Rendering
 from internal.poses import transform_poses
 from internal.rendering import paths
-from internal.rendering.looks import Look
 from internal.rendering.pictures import Display, pictures
 from internal.scene.scene import Scene
+from internal.structs import LitRendering, Rendering
 from internal.training.run_folder import make_folder
 
 SNAPSHOT = re.compile(r"snapshot_(\d+)\.json")

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from internal.enhancements.editing import NEUTRAL, light_edit
-from internal.enhancements.gamma import Coefficients, enhance_v, phi
+from internal.enhancements.gamma import Coefficients, enhance_v, light_v
+from internal.enhancements.look import NEUTRAL, Look
 
 V = jnp.array([[0.004], [0.05], [0.7]])
 COEFFICIENTS = Coefficients(
@@ -24,25 +24,26 @@ def test_alpha_one_and_exponent_one_is_identity():
 def test_formula_by_hand():
     # (0.05 / 0.5)^(1 / (2.2 + 0.3)) = 0.1^0.4 = 0.398107
     coefficients = Coefficients(jnp.array([[0.5]]), jnp.full((1, 3), 0.3))
-    v_hat = phi(jnp.array([[0.05]]), coefficients, 2.2, NEUTRAL)
+    v_hat = light_v(jnp.array([[0.05]]), coefficients, 2.2, NEUTRAL)
     np.testing.assert_allclose(v_hat, np.full((1, 3), 0.398107), rtol=1e-5)
 
 
 def test_neutral_edit_changes_no_bit():
     exponent = 1.0 / (2.2 + COEFFICIENTS.gamma)
     plain = enhance_v(V, COEFFICIENTS.alpha, exponent)
-    edited = phi(V, COEFFICIENTS, 2.2, light_edit(1.0, 0.0, 6500.0))
+    edited = light_v(V, COEFFICIENTS, 2.2, Look(1.0, 0.0, 6500.0).edit())
     np.testing.assert_array_equal(edited, plain)
 
 
 def test_strength_zero_is_the_dark_scene():
-    v_hat = phi(V, COEFFICIENTS, 2.2, light_edit(strength=0.0))
+    v_hat = light_v(V, COEFFICIENTS, 2.2, Look(strength=0.0).edit())
     np.testing.assert_array_equal(v_hat, jnp.broadcast_to(V, (3, 3)))
 
 
 def test_strength_moves_monotonically_from_dark_to_enhanced():
     steps = [
-        phi(V, COEFFICIENTS, 2.2, light_edit(strength=s)) for s in (0.0, 0.3, 0.7, 1.0)
+        light_v(V, COEFFICIENTS, 2.2, Look(strength=s).edit())
+        for s in (0.0, 0.3, 0.7, 1.0)
     ]
     for darker, brighter in itertools.pairwise(steps):
         assert jnp.all(brighter > darker)
@@ -50,6 +51,6 @@ def test_strength_moves_monotonically_from_dark_to_enhanced():
 
 @pytest.mark.parametrize("stops", [-1.0, 0.5, 2.0])
 def test_exposure_multiplies_linear_light(stops):
-    plain = phi(V, COEFFICIENTS, 2.2, NEUTRAL)
-    edited = phi(V, COEFFICIENTS, 2.2, light_edit(exposure_stops=stops))
+    plain = light_v(V, COEFFICIENTS, 2.2, NEUTRAL)
+    edited = light_v(V, COEFFICIENTS, 2.2, Look(exposure=stops).edit())
     np.testing.assert_allclose((edited / plain) ** 2.2, 2.0**stops, rtol=1e-5)
