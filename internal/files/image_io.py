@@ -2,7 +2,9 @@
 """Image files, through OpenImageIO (the only module that imports it).
 
 Pictures are ``[height, width, channels]`` float32 sRGB in [0, 1] unless a name
-says otherwise; row 0 is the top row, as seen (EXIF orientation is applied).
+says otherwise; row 0 is the top row. ``upright`` pixels are as seen: the EXIF
+orientation is applied. Without it they are as stored, which is what the poses of
+programs that ignore the tag (COLMAP, LLFF) mean.
 """
 
 import dataclasses
@@ -16,6 +18,7 @@ from internal.errors import UserError
 from internal.files import atomic
 
 FONT = "DroidSans"
+TRANSPOSED = range(5, 9)  # EXIF orientations that swap width and height
 EXTENSIONS = frozenset(
     ".png .jpg .jpeg .tif .tiff .webp .bmp .exr .hdr .jp2 .jxl .tga .ppm".split()
 )
@@ -37,8 +40,10 @@ def is_image(path: Path) -> bool:
     return path.suffix.lower() in EXTENSIONS
 
 
-def read_srgb(path: Path) -> Float[np.ndarray, "height width 3"]:
-    """Reads one picture, upright, as float32 sRGB in [0, 1].
+def read_srgb(
+    path: Path, upright: bool = True
+) -> Float[np.ndarray, "height width 3"]:
+    """Reads one picture, upright or as stored, as float32 sRGB in [0, 1].
 
     Grey is repeated to three channels. Alpha is composited onto black: in a dark
     capture a pixel that saw nothing is black.
@@ -57,7 +62,9 @@ def read_srgb(path: Path) -> Float[np.ndarray, "height width 3"]:
     spec = oiio.ImageSpec()
     spec["oiio:UnassociatedAlpha"] = 1
     buffer = oiio.ImageBuf(str(path), 0, 0, spec)
-    pixels = None if buffer.has_error else _upright(buffer).get_pixels(oiio.FLOAT)
+    if upright and not buffer.has_error:
+        buffer = _upright(buffer)
+    pixels = None if buffer.has_error else buffer.get_pixels(oiio.FLOAT)
     if pixels is None or buffer.has_error or pixels.size == 0:
         reason = " ".join(buffer.geterror().split()) or "no pixels"
         raise UserError(
@@ -67,13 +74,13 @@ def read_srgb(path: Path) -> Float[np.ndarray, "height width 3"]:
     return _to_rgb(np.asarray(pixels, np.float32))
 
 
-def read_size(path: Path) -> tuple[int, int]:
-    """Upright (width, height) from the file's header alone."""
+def read_size(path: Path, upright: bool = True) -> tuple[int, int]:
+    """(width, height), upright or as stored, from the file's header alone."""
     buffer = oiio.ImageBuf(str(path))
     if buffer.has_error:
-        return read_srgb(path).shape[1::-1]  # raises with the reason
+        return read_srgb(path, upright).shape[1::-1]  # raises with the reason
     spec = buffer.spec()
-    turned = buffer.orientation >= 5
+    turned = upright and _orientation(buffer) in TRANSPOSED
     return (spec.height, spec.width) if turned else (spec.width, spec.height)
 
 
@@ -151,9 +158,14 @@ def _raise_no_font(reason: str) -> None:
     )
 
 
+def _orientation(buffer: oiio.ImageBuf) -> int:
+    """The EXIF orientation; 1, as stored, where it states none of the eight."""
+    return buffer.orientation if buffer.orientation in range(1, 9) else 1
+
+
 def _upright(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
     """Applies the EXIF orientation."""
-    return buffer if buffer.orientation == 1 else oiio.ImageBufAlgo.reorient(buffer)
+    return buffer if _orientation(buffer) == 1 else oiio.ImageBufAlgo.reorient(buffer)
 
 
 def _to_rgb(
