@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from internal.errors import UserError
+from internal.files import listing
 from internal.files.atomic import naming, writing
 
 RECORD = "made_with.json"
@@ -120,7 +121,9 @@ def _write_record(
 
 
 def _is_occupied(folder: Path) -> bool:
-    return not folder.is_dir() or any(folder.iterdir())
+    if not folder.is_dir():
+        return True
+    return not all(map(listing.is_metadata, folder.iterdir()))
 
 
 def _read_record(folder: Path) -> dict[str, Any] | None:
