@@ -17,7 +17,6 @@ from benchmarks import workload
 from benchmarks.tone import Variant, light, meter
 from internal.color import linear_to_srgb, photo_to_linear
 from internal.files import image_io
-from internal.files.listing import list_pictures
 from internal.night.capture import CaptureModel, capture, view_key
 from internal.rendering.pictures import Picture
 from internal.scoring import metrics
@@ -39,7 +38,7 @@ def main() -> None:
     flags = parser.parse_args()
     rows = []
     for folder in flags.folders:
-        files = [folder / name for name in list_pictures(folder)]
+        files = sorted(filter(image_io.is_image, folder.iterdir()))
         chosen = files[:: max(len(files) // PHOTOS, 1)]
         photos = [photo_to_linear(image_io.read_srgb(file)) for file in chosen]
         truth = [np.asarray(linear_to_srgb(shrunk(photo))) for photo in photos]

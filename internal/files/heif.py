@@ -56,8 +56,6 @@ def read(path: Path) -> Photo:
         UserError: the extra is missing, the file is cut short or broken, or moves.
     """
     with _opened(path) as image:
-        if getattr(image, "is_animated", False) and _is_avif(path):
-            raise UserError(f"{path}: a moving picture; save its frames as photos")
         pixels = np.asarray(image)
         one = _white(image.info.get("bit_depth", 8), pixels.dtype)
         icc = image.info.get("icc_profile") or b""
@@ -66,7 +64,11 @@ def read(path: Path) -> Photo:
 
 
 def read_size(path: Path) -> tuple[int, int]:
-    """(width, height) in pixels, from the file's header alone."""
+    """(width, height) in pixels, from the file's header alone.
+
+    Raises:
+        UserError: as ``read``, as far as the header tells.
+    """
     with _opened(path) as image:
         return image.size
 
@@ -97,6 +99,8 @@ def _opened(path: Path) -> Iterator[Any]:
     try:
         if _is_avif(path):
             with Image.open(path) as image:
+                if getattr(image, "is_animated", False):
+                    raise UserError(f"{path}: a moving picture; save its frames")
                 yield ImageOps.exif_transpose(image)
         else:
             yield pillow_heif.open_heif(path, convert_hdr_to_8bit=False)

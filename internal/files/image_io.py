@@ -9,6 +9,7 @@ programs that ignore the tag (COLMAP, LLFF) mean.
 
 import contextlib
 import dataclasses
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -30,9 +31,11 @@ WRITTEN = frozenset(".png .jpg .jpeg .jpe .jfif .tif .tiff .bmp".split())
 # Their values are light, not sRGB.
 LINEAR_EXTENSIONS = frozenset([".exr", ".hdr"])
 LINEAR_FORMATS = ("openexr", "hdr")
-FLOATS = (oiio.FLOAT, oiio.HALF, oiio.DOUBLE)
+FLOATS = ("float", "half", "double")
 COLOR_KEYS = ("jpeg:ColorSpace", "tiff:ColorSpace")
 PRINT_COLORS = ("CMYK", "YCCK", "CIELAB", "ICCLAB", "ITULAB")
+JPEG_MARKER = re.compile(rb"\xff[\x02-\xcf\xd8-\xfe]")  # not in coded pixels
+JPEG_END = 0xD9
 UNSTATED = (2, 2)  # codes of H.273
 EXIF_SRGB = 1
 ADOBE_RGB_ENTRIES = (
@@ -203,7 +206,8 @@ def _read(
         # What libjpeg only warns about leaves rows grey: it counts as an error.
         error = file.geterror()
         encoding = _stated_encoding(path, file.format_name(), spec)
-        if not error and file.format_name() == "png" and not _ends_as_png(path):
+        has_end = END_CHECKS.get(file.format_name(), lambda _: True)
+        if not error and not has_end(path.read_bytes()):
             error = "its end is missing"
     if pixels is None or error:
         raise _unreadable(path, error)
@@ -266,7 +270,7 @@ def _fault(kind: str, spec: oiio.ImageSpec) -> str:
         return "colours for print (CMYK or Lab), not for light; save it as sRGB"
     if spec.get_int_attribute("oiio:Movie"):
         return "a moving picture; save its frames as photos"
-    if spec.format.basetype in FLOATS and kind not in LINEAR_FORMATS:
+    if str(spec.format) in FLOATS and kind not in LINEAR_FORMATS:
         return (
             f"numbers of floating point in a {kind} file, which may be light or sRGB; "
             "save light as EXR, sRGB with 8 or 16 bits"
@@ -289,9 +293,27 @@ def _used_channels(spec: oiio.ImageSpec) -> list[int]:
     return list(range(1 if spec.nchannels - len(alpha) == 1 else 3)) + alpha
 
 
-def _ends_as_png(path: Path) -> bool:
+def _png_has_end(content: bytes) -> bool:
     """Whether the closing chunk is there; other things may follow it."""
-    return b"IEND\xaeB`\x82" in path.read_bytes()
+    return b"IEND\xaeB`\x82" in content
+
+
+def _jpeg_has_end(content: bytes) -> bool:
+    """Whether the end marker is there; other pictures may be before and after it.
+
+    A decoder does not miss it where zeros follow, as in a file that was given its
+    size before its content came.
+    """
+    place = 2
+    while marker := JPEG_MARKER.search(content, place):
+        kind, place = marker[0][1], marker.end()
+        if kind == JPEG_END:
+            return True
+        place += int.from_bytes(content[place : place + 2])
+    return False
+
+
+END_CHECKS = {"jpeg": _jpeg_has_end, "png": _png_has_end}
 
 
 def _further_pages(file: oiio.ImageInput) -> str:

@@ -172,7 +172,8 @@ def flat_pngs(names: Sequence[str]) -> tuple[str, ...]:
     flat = []
     for name in names:
         path = PurePosixPath(name)
-        stem = "_".join(part for part in path.with_suffix("").parts if part.strip("/."))
+        parts = (*path.parent.parts, path.stem)
+        stem = "_".join(part for part in parts if part.strip("/.")) or "picture"
         ending = path.suffix.lstrip(".")
         numbered = (f"{stem}_{ending}_{count}" for count in range(2, len(names) + 2))
         choices = (stem, f"{stem}_{ending}", *numbered)

@@ -17,7 +17,7 @@ from typing import Any
 
 from internal.errors import UserError
 from internal.files import listing
-from internal.files.atomic import naming, writing
+from internal.files.atomic import PARTIAL, naming, writing
 
 RECORD = "made_with.json"
 
@@ -48,7 +48,7 @@ def make_folder(
     record = _own_record(folder, settings, overwrite=overwrite)
     if record and not overwrite:
         return record["facts"]
-    partial = folder.with_name(f".partial-{folder.name}-{os.getpid()}")
+    partial = folder.with_name(f"{PARTIAL}{folder.name}-{os.getpid()}")
     try:
         with naming(folder):
             partial.mkdir(parents=True)

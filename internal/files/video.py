@@ -21,8 +21,10 @@ from internal.files.color_profile import Encoding, from_codes, to_srgb
 
 if TYPE_CHECKING:
     import av
+    from av.container import InputContainer
 
 CRF = 17  # constant quality of x264 at which few eyes find a difference
+CUT_OFF = 0.1  # of the stated length, or a second: a file copied in part
 # Codes of H.273; players take large videos that state nothing as BT.709.
 UNSTATED, BT709_MATRIX, SD_HEIGHT = 2, 1, 576
 BT709 = "colorprim=bt709:transfer=bt709:colormatrix=bt709"
@@ -103,17 +105,30 @@ def read_video(path: Path) -> Iterator[Frame]:
     try:
         with av.open(str(path)) as container:
             codec = container.streams.video[0].codec_context
-            encoding = None
+            encoding, time = None, 0.0
             for index, frame in enumerate(container.decode(video=0)):
                 if index == 0:  # what only the frames state is known now
                     encoding = _encoding(path, codec)
-                turns = round(frame.rotation / 90)
-                yield Frame(frame.time or 0.0, frame, encoding, turns)
+                turns, time = round(frame.rotation / 90), frame.time or 0.0
+                yield Frame(time, frame, encoding, turns)
+            stated = _seconds(container)
     except (FFmpegError, IndexError) as error:
         raise UserError(
             f"{path}: not a readable video ({error}); expected MP4, MOV, MKV, ...: "
             "copy the file again, or give a folder of photos"
         ) from error
+    if stated - time > max(1.0, CUT_OFF * stated):
+        raise UserError(
+            f"{path}: ends after {time:.1f} of {stated:.1f} seconds; copy it again"
+        )
+
+
+def _seconds(container: "InputContainer") -> float:
+    """The stated length: the pictures' own if there is one, else with the sound."""
+    stream = container.streams.video[0]
+    if stream.duration and stream.time_base:
+        return float(stream.duration * stream.time_base)
+    return (container.duration or 0) / 1e6
 
 
 def _encoding(path: Path, codec: "av.VideoCodecContext") -> Encoding | None:

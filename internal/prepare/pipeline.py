@@ -16,7 +16,7 @@ import numpy as np
 
 from internal import progress
 from internal.errors import UserError
-from internal.files import image_io, listing
+from internal.files import atomic, image_io, listing
 from internal.files.made_folder import begin_folder, finish_folder
 from internal.prepare import attempts, exposures, mapping, matching, scene_files
 from internal.prepare.attempts import Attempt
@@ -62,6 +62,7 @@ def prepare(inputs: Inputs, scene: Path, *, overwrite: bool) -> Report:
     try:
         return _prepare(inputs, scene)
     except OSError as error:
+        atomic.check_read(scene, error)
         raise cannot_write(scene, error) from error
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from internal import progress
 from internal.errors import UserError
 from internal.files import image_io
+from internal.files.atomic import PARTIAL
 from internal.files.video import Frame, read_video
 from internal.prepare.statistics import sharpness
 
@@ -24,7 +25,7 @@ def extract_frames(video: Path, folder: Path) -> None:
     """
     if folder.is_dir():
         return
-    partial = folder.with_name(f".partial-{folder.name}")
+    partial = folder.with_name(f"{PARTIAL}{folder.name}")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
     best, best_sharpness, interval = None, -1.0, 0
