@@ -399,6 +399,14 @@ def test_raw_beside_its_jpeg_is_one_shot(tmp_path):
     assert found.rejected[0].reason.startswith("the same shot as 1.jpg")
 
 
+def test_of_files_that_are_developed_to_one_name_one_is_taken(tmp_path):
+    for name in ("1.dng", "1.EXR", "1.heic", "2.dng", "2.exr", "3.dng", "4.dng"):
+        (tmp_path / name).write_bytes(name.encode())
+    reasons = photos._twins(tmp_path, [p.name for p in sorted(tmp_path.iterdir())])
+    assert reasons.keys() == {"1.dng", "1.EXR", "2.dng"}
+    assert reasons["1.dng"].startswith("the same shot as 1.heic")
+
+
 def test_a_broken_raw_photo_is_named(tmp_path):
     (tmp_path / "1.dng").write_bytes(b"raw")
     with pytest.raises(UserError, match=r"1\.dng: (not a readable RAW|RAW photo; run)"):

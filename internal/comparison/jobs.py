@@ -209,6 +209,11 @@ def _enhanced_photos(out: Path, job: Job, config: Config) -> Path:
             job.data_dir, config.dataset_loader, config.images_dir
         )
         named = list(zip(files.names, files.image_paths, strict=True))
+        if len({Path(name).with_suffix("") for name in files.names}) < len(named):
+            raise UserError(
+                f"{job.data_dir}: two of its pictures differ only in their ending; "
+                "rename one"
+            )
         for name, path in progress.track(named, len(named), job.photos, "photo"):
             inside = Path(name).relative_to(Path(name).anchor)
             target = (partial / inside).with_suffix(".png")

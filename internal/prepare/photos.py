@@ -136,7 +136,8 @@ def read_photo(path: Path) -> Float[np.ndarray, "height width 3"]:
 
 
 def _twins(folder: Path, names: Sequence[str]) -> dict[str, str]:
-    """Reasons of files that show what another shows: copies, and RAW beside JPEG."""
+    """Reasons of files that show what another shows: copies, and of a shot that was
+    saved as JPEG, HEIC or RAW at once, all but the first of these."""
     reasons: dict[str, str] = {}
     by_content: dict[str, str] = {}
     for name in names:
@@ -145,17 +146,20 @@ def _twins(folder: Path, names: Sequence[str]) -> dict[str, str]:
             reasons[name] = f"the same file as {by_content[content]}"
         if content:
             by_content[content] = by_content.get(content, name)
-    stems = {
-        PurePosixPath(name).with_suffix(""): name
-        for name in names
-        if PurePosixPath(name).suffix.lower() not in DEVELOPED_EXTENSIONS
-    }
-    for name in names:
+    shots: dict[PurePosixPath, str] = {}
+    for name in sorted(names, key=_development):
         path = PurePosixPath(name)
-        twin = stems.get(path.with_suffix(""))
-        if twin and path.suffix.lower() in DEVELOPED_EXTENSIONS:
-            reasons[name] = f"the same shot as {twin}, which is 8-bit sRGB already"
+        twin = shots.setdefault(path.with_suffix(""), name)
+        if twin != name and _development(name):
+            reasons[name] = f"the same shot as {twin}, which is less to be developed"
     return reasons
+
+
+def _development(name: str) -> int:
+    """How far a file is from 8-bit sRGB that all programs read, which is 0."""
+    ending = PurePosixPath(name).suffix.lower()
+    kinds = (heif.EXTENSIONS, image_io.LINEAR_EXTENSIONS, image_io.RAW_EXTENSIONS)
+    return next((rank for rank, kind in enumerate(kinds, 1) if ending in kind), 0)
 
 
 def _inspect(folder: Path, name: str) -> Photo | str:
