@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A picture file is read right, or refused in one line that names it."""
 
+import struct
+import zlib
+
 import numpy as np
 import OpenImageIO as oiio
 import pytest
@@ -221,13 +224,56 @@ def test_exr_holds_light_in_the_primaries_that_it_states(tmp_path):
     assert red > expected[0, 0, 0] + 0.03 and green < expected[0, 0, 1] - 0.05
 
 
-def test_a_photo_of_pq_in_ten_bits_is_brought_to_srgb(tmp_path):
+@pytest.mark.parametrize(("signal", "light"), [(0.5806, 1.0), (0.3808, 26 / 203)])
+def test_a_photo_of_pq_in_ten_bits_is_brought_to_srgb(tmp_path, signal, light):
     pillow_heif = pytest.importorskip("pillow_heif")
-    levels = np.full((16, 16, 3), round(0.5806 * 1023) << 6, np.uint16)
+    levels = np.full((16, 16, 3), round(signal * 1023) << 6, np.uint16)
     photo = pillow_heif.from_bytes("RGB;16", (16, 16), levels.tobytes())
     codes = {"color_primaries": 9, "transfer_characteristics": 16}
     photo.save(tmp_path / "a.heic", quality=-1, matrix_coefficients=0, **codes)
-    np.testing.assert_allclose(image_io.read_srgb(tmp_path / "a.heic"), 1.0, atol=0.01)
+    read = image_io.read_srgb(tmp_path / "a.heic")
+    expected = color_profile.encode_srgb(np.full((16, 16, 3), light))
+    np.testing.assert_allclose(read, expected, atol=0.01)
+
+
+def png_with(path, name: bytes, content: bytes, **options):
+    """A flat PNG with a further chunk behind its header, which is 33 bytes long."""
+    whole = saved(path, Image.new("RGB", (4, 4), (148,) * 3), **options).read_bytes()
+    checksum = struct.pack(">I", zlib.crc32(name + content))
+    chunk = struct.pack(">I", len(content)) + name + content + checksum
+    path.write_bytes(whole[:33] + chunk + whole[33:])
+    return path
+
+
+def test_codes_of_hdr_in_a_png_count_more_than_its_profile(tmp_path):
+    options = {"icc_profile": rgb_profile("Display P3")}
+    path = png_with(tmp_path / "a.png", b"cICP", bytes((9, 16, 0, 1)), **options)
+    np.testing.assert_allclose(image_io.read_srgb(path), 1.0, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("stated", "power"), [(1.0, 1.0), (1 / 1.8, 1.8), (0.45455, 0)]
+)
+def test_the_gamma_of_a_png_is_applied_unless_it_stands_for_srgb(
+    tmp_path, stated, power
+):
+    content = struct.pack(">I", round(stated * 1e5))
+    path = png_with(tmp_path / "a.png", b"gAMA", content)
+    light = np.full((4, 4, 3), 148 / 255) ** power
+    expected = color_profile.encode_srgb(light) if power else 148 / 255
+    np.testing.assert_allclose(image_io.read_srgb(path), expected, atol=1e-3)
+
+
+def test_the_end_of_a_preview_is_not_the_end_of_its_photo(tmp_path):
+    preview = saved(tmp_path / "b.jpg", PICTURE.resize((14, 10))).read_bytes()
+    whole = saved(tmp_path / "a.jpg", quality=90).read_bytes()
+    segment = b"\xff\xe1" + (len(preview) + 2).to_bytes(2, "big") + preview
+    path = tmp_path / "a.jpg"
+    path.write_bytes(whole[:2] + segment + whole[2:])
+    assert image_io.read_srgb(path).shape == LEVELS.shape
+    path.write_bytes(whole[:2] + segment + whole[2 : len(whole) * 3 // 4] + bytes(9999))
+    with pytest.raises(UserError, match="not a readable image"):
+        image_io.read_srgb(path)
 
 
 def test_the_camera_of_a_heic_is_known(tmp_path):
