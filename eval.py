@@ -19,10 +19,10 @@ import jax
 from internal import cli, parallel, progress
 from internal.color import from_uint16
 from internal.files import image_io
+from internal.files.listing import flat_pngs
 from internal.pages import pages, report, tables
 from internal.rendering.pictures import display_for, outputs_of, pictures
 from internal.rendering.renderer import Renderer
-from internal.scene.pairing import flat_png
 from internal.scoring import evaluation
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
@@ -47,6 +47,7 @@ def main(argv: Sequence[str]) -> int:
     views: dict[str, evaluation.Scores] = {}
     written: dict[str, list[tuple[str, str]]] = {}
     names = scene.view_names
+    files = flat_pngs(names)
     for index, name in enumerate(
         progress.track(names, len(names), "evaluating", "view")
     ):
@@ -62,7 +63,7 @@ def main(argv: Sequence[str]) -> int:
         if truth is not None:
             shown["truth"] = truth
         for output, picture in shown.items():
-            path = Path(output) / flat_png(name)
+            path = Path(output) / files[index]
             run_folder.make_folder(folder / output)
             image_io.write(folder / path, picture)
             written.setdefault(output, []).append((path.as_posix(), name))

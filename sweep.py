@@ -19,6 +19,7 @@ from internal import cli, configs
 from internal.comparison.scored_run import train_and_score
 from internal.errors import UserError
 from internal.files import image_io
+from internal.files.listing import flat_pngs
 from internal.pages import contact_sheet, pages, report, tables
 from internal.pages.pages import Table
 from internal.pages.tables import write_csv
@@ -91,8 +92,8 @@ def write_comparison(folder: Path, names: list[str]) -> None:
     run_folder.write_text(folder / "table.md", table + "\n")
     write_csv(folder / "table.csv", [headers, *rows])
 
-    view = Path(next(iter(results[names[0]]["views"]))).stem
-    files = [[folder / n / "eval" / p / f"{view}.png" for p in PICTURES] for n in names]
+    view = flat_pngs(list(results[names[0]]["views"]))[0]
+    files = [[folder / n / "eval" / p / view for p in PICTURES] for n in names]
     blank = image_io.read_srgb(files[0][0]) * 0.0
     pictures = [
         [image_io.read_srgb(file) if file.is_file() else blank for file in row]

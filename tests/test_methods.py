@@ -64,6 +64,7 @@ def test_a_star_is_a_method_per_folder(tmp_path):
     for name in ("B", "A"):
         (tmp_path / "enhanced" / name).mkdir(parents=True)
     (tmp_path / "enhanced" / "notes.txt").touch()
+    (tmp_path / "enhanced" / "@eaDir").mkdir()
     star = Method("{folder} + NeRF", "enhanced/*", ("x.gin",))
     assert methods_for([star, Method("dark")], tmp_path) == (
         Method("A + NeRF", "enhanced/A", ("x.gin",)),

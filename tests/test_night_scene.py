@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.ndimage
+from PIL import Image
 
 import make_scene
 from internal import color
@@ -387,7 +388,7 @@ def test_tiny_scenes_are_refused(tmp_path):
 
 
 @pytest.fixture
-def dataset(night, tmp_path):
+def originals(night, tmp_path):
     """A normal-light dataset of one picture folder: the night scene's truth."""
     folder = tmp_path / "bright"
     shutil.copytree(night[0] / "high", folder / "images")
@@ -399,16 +400,16 @@ def dataset(night, tmp_path):
 
 
 def test_a_darkened_dataset_keeps_its_format_and_pairs_with_its_originals(
-    dataset, tmp_path
+    originals, tmp_path
 ):
     out = tmp_path / "dark"
-    facts = darken.darken(dataset, out, NOISE_FREE)
-    original = (dataset / "images" / "003.png").read_bytes()
+    facts = darken.darken(originals, out, NOISE_FREE)
+    original = (originals / "images" / "003.png").read_bytes()
     assert (out / "high" / "003.png").read_bytes() == original
     assert facts["views"] == 7
-    poses = (dataset / "transforms.json").read_text()
+    poses = (originals / "transforms.json").read_text()
     assert (out / "transforms.json").read_text() == poses
-    bright = load_scene(dataset, split="train")
+    bright = load_scene(originals, split="train")
     dark = load_scene(out, split="train")
     assert len(dark.truth) == len(dark.images) == len(bright.images)
     np.testing.assert_array_equal(dark.truth[0], bright.images[0])
@@ -434,16 +435,48 @@ def test_splits_in_two_folders_pair_by_folder(night, tmp_path):
         np.testing.assert_array_equal(scene.truth[1], bright.images[1])
 
 
-def test_darkening_refuses_pairs_and_the_dataset_itself(night, dataset):
+def test_darkening_refuses_pairs_and_the_dataset_itself(night, originals):
     with pytest.raises(UserError, match="truth already"):
-        darken.darken(night[0], dataset / "out", NORMAL_LIGHT)
+        darken.darken(night[0], originals / "out", NORMAL_LIGHT)
     with pytest.raises(UserError, match="dataset itself"):
-        darken.darken(dataset, dataset / "out", NORMAL_LIGHT)
+        darken.darken(originals, originals / "out", NORMAL_LIGHT)
 
 
-def test_the_script_makes_darkens_and_says_so(dataset, tmp_path, capsys):
+def test_linked_pictures_and_other_formats_are_darkened(originals, tmp_path):
+    (originals / "images").rename(tmp_path / "elsewhere")
+    (originals / "images").symlink_to(tmp_path / "elsewhere")
+    picture = tmp_path / "elsewhere" / "003.png"
+    Image.open(picture).save(picture.with_suffix(".avif"), quality=100)
+    picture.unlink()
+    (originals / "images" / ".DS_Store").touch()
+    out = tmp_path / "out"
+    facts = darken.darken(originals, out, NOISE_FREE)
+    for folder, ending in (("images", "png"), ("high", "avif")):
+        assert len(list((out / folder).iterdir())) == facts["views"]
+        assert (out / folder / f"003.{ending}").is_file()
+        assert not (out / folder).is_symlink()
+    assert load_scene(out, split="train").truth
+
+
+def test_pictures_outside_of_a_dataset_are_refused(originals, tmp_path):
+    (originals / "images").rename(tmp_path / "elsewhere")
+    poses = originals / "transforms.json"
+    poses.write_text(poses.read_text().replace("images/", "../elsewhere/"))
+    with pytest.raises(UserError, match=r"001\.png: lies outside"):
+        darken.darken(originals, tmp_path / "out", NOISE_FREE)
+
+
+def test_the_script_makes_darkens_and_says_so(originals, tmp_path, capsys):
     out = tmp_path / "dark"
-    arguments = ["darken", str(dataset), str(out), "--exposure", "0.05", "--seed", "3"]
+    arguments = [
+        "darken",
+        str(originals),
+        str(out),
+        "--exposure",
+        "0.05",
+        "--seed",
+        "3",
+    ]
     assert make_scene.main(arguments) == 0
     assert str(out) in capsys.readouterr().out
     recorded = json.loads((out / "made_with.json").read_text())["settings"]

@@ -2,13 +2,17 @@
 """Pictures find their partners by name, or say plainly that they cannot."""
 
 import random
+import shutil
+import unicodedata
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from internal.errors import UserError
+from internal.files import image_io
 from internal.scene import pairing
 
 
@@ -133,13 +137,58 @@ def test_missing_input_folder_names_what_was_looked_for(tmp_path, images_dir):
         pairing.find_input_folder(tmp_path, images_dir)
 
 
-def test_truth_lies_beside_the_dark_folder_or_in_the_scene(tmp_path):
+def test_truth_lies_beside_the_dark_folder_or_in_the_scene(tmp_path, capsys):
     dark = tmp_path / "enhanced" / "sci"
     assert pairing.find_truth_folder(tmp_path, dark) is None
-    (tmp_path / "high").mkdir()
+    folder_of(tmp_path, "high/1.png", "gt/._1.png", "images_normal/1.npy")
     assert pairing.find_truth_folder(tmp_path, dark) == tmp_path / "high"
-    (tmp_path / "enhanced" / "gt").mkdir(parents=True)
+    folder_of(tmp_path, "enhanced/gt/1.png")
     assert pairing.find_truth_folder(tmp_path, dark) == tmp_path / "enhanced" / "gt"
+    shutil.rmtree(tmp_path / "high")
+    assert pairing.find_truth_folder(tmp_path, tmp_path / "low") is None
+    printed = capsys.readouterr().out
+    for name in ("gt", "images_normal"):
+        assert f"{tmp_path / name}: not taken as truth: no picture" in printed
+
+
+def a_sphere() -> np.ndarray:
+    """Surface normals of a sphere before nothing."""
+    y, x = np.mgrid[1:-1:64j, -1:1:64j]
+    z = np.sqrt(np.maximum(1.0 - x**2 - y**2, 0.0))
+    return np.where(z[..., None] > 0.0, np.stack([x, y, z], -1), 0.0).astype(np.float32)
+
+
+@pytest.mark.parametrize("ending", ["png", "jpg", "exr"])
+def test_surface_normals_are_no_truth(tmp_path, capsys, ending):
+    normals = a_sphere() if ending == "exr" else (a_sphere() + 1.0) / 2.0
+    (tmp_path / "normal").mkdir()
+    for i in range(3):
+        image_io.write(tmp_path / "normal" / f"{i}.{ending}", normals)
+    assert pairing.find_truth_folder(tmp_path, tmp_path / "low") is None
+    printed = capsys.readouterr().out
+    assert printed == (
+        f"{tmp_path / 'normal'}: not taken as truth: it holds surface normals\n"
+    )
+
+
+@pytest.mark.parametrize("level", [0.1, 0.21, 0.5, 0.79, 1.0])
+def test_photos_in_a_folder_called_normal_are_truth(tmp_path, level):
+    """Greys of 0.21 and 0.79 are as far from 0.5 as unit vectors are."""
+    (tmp_path / "normal").mkdir()
+    photo = level * np.random.default_rng(0).uniform(0.9, 1.0, (64, 64, 3))
+    photo[:32] *= (0.3, 0.6, 0.9)
+    image_io.write(tmp_path / "normal" / "1.png", photo)
+    found = pairing.find_truth_folder(tmp_path, tmp_path / "low")
+    assert found == tmp_path / "normal"
+
+
+@pytest.mark.parametrize("forms", [("NFD", "NFC"), ("NFC", "NFD")])
+def test_names_pair_in_either_form_of_unicode(tmp_path, forms):
+    disk, stated = (unicodedata.normalize(form, "é.png") for form in forms)
+    folder_of(tmp_path, disk, "2.png")
+    paths, rule = pairing.pair_by_name([stated, "2.png"], tmp_path)
+    assert paths == (tmp_path / disk, tmp_path / "2.png")
+    assert rule == "equal names"
 
 
 def test_dark_twin_of_a_bright_listing(tmp_path):
@@ -150,8 +199,3 @@ def test_dark_twin_of_a_bright_listing(tmp_path):
     other = tmp_path / "train" / "1.JPG"
     assert pairing.dark_twin(other) == other
     assert pairing.dark_twin(Path("1.JPG")) == Path("1.JPG")  # a scene in "."
-
-
-def test_pictures_of_views_in_different_folders_have_different_names():
-    names = [pairing.flat_png(n) for n in ("1.jpg", "a/1.jpg", "/b/1.jpg")]
-    assert names == ["1.png", "a_1.png", "b_1.png"]

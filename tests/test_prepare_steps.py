@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
+from PIL import Image
 
 from internal import color
 from internal.errors import UserError
-from internal.files import image_io, made_folder, raw, video
+from internal.files import color_profile, image_io, made_folder, raw, video
 from internal.poses import transform_poses
 from internal.prepare import (
     attempts,
@@ -19,6 +20,7 @@ from internal.prepare import (
     exposures,
     matching,
     photos,
+    pipeline,
     plots,
     reasons,
     scene_files,
@@ -282,6 +284,104 @@ def test_the_sharpest_frame_of_each_interval_is_kept(tmp_path):
     assert all(image_io.read_srgb(p).std() > 0.1 for p in kept)
 
 
+@pytest.mark.parametrize(
+    ("transfer", "name", "white"),
+    [(16, "smpte2084", 0.5806), (18, "arib-std-b67", 0.7499)],
+)
+def test_frames_of_hdr_videos_are_srgb(tmp_path, capsys, transfer, name, white):
+    """Grey at white's signal is white, at half of it is far below half."""
+    av = pytest.importorskip("av")
+    path = tmp_path / "film.mov"
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream("libx265", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p10le"
+        tags = f"colorprim=bt2020:colormatrix=bt2020nc:transfer={name}:range=limited"
+        stream.options = {"x265-params": f"log-level=none:lossless=1:{tags}"}
+        codec = stream.codec_context
+        codec.colorspace, codec.color_primaries, codec.color_trc = 9, 9, transfer
+        levels = np.full((64, 64, 3), round(white * 65535), np.uint16)
+        levels[:, 32:] = round(0.5 * white * 65535)
+        frame = av.VideoFrame.from_ndarray(levels, format="rgb48le")
+        file.mux(stream.encode(frame.reformat(format="yuv420p10le", dst_colorspace=9)))
+        file.mux(stream.encode())
+    extract_frames(path, tmp_path / "frames")
+    srgb = image_io.read_srgb(tmp_path / "frames" / "00000.png")
+    half = color_profile.to_srgb(
+        np.full((1, 1, 3), white / 2, np.float32),
+        color_profile.from_codes(9, transfer),
+    )
+    np.testing.assert_allclose(srgb[:, :30], 1.0, atol=0.01)
+    np.testing.assert_allclose(srgb[:, 34:], float(half.mean()), atol=0.005)
+    assert half.mean() < 0.45
+    assert "brought to sRGB" in capsys.readouterr().out
+
+
+def test_ten_bits_of_a_video_stay(tmp_path):
+    av = pytest.importorskip("av")
+    path = tmp_path / "film.mov"
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream("libx265", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p10le"
+        stream.options = {"x265-params": "log-level=none:lossless=1"}
+        stream.codec_context.colorspace = 1
+        ramp = np.linspace(4000, 8000, 64).astype(np.uint16)
+        levels = np.broadcast_to(ramp[None, :, None], (64, 64, 3)).copy()
+        frame = av.VideoFrame.from_ndarray(levels, format="rgb48le")
+        file.mux(stream.encode(frame.reformat(format="yuv420p10le")))
+        file.mux(stream.encode())
+    extract_frames(path, tmp_path / "frames")
+    srgb = image_io.read_srgb(tmp_path / "frames" / "00000.png")
+    assert len(np.unique(srgb[0, :, 1])) > 40  # 8 bits have 16 levels there
+    np.testing.assert_allclose(srgb[0, :, 1], ramp / 65535.0, atol=0.002)
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"), [("film.mp4", "not a readable"), ("film.mkv", "ends after")]
+)
+def test_a_video_that_was_copied_in_part_says_so(tmp_path, name, reason):
+    path = tmp_path / name
+    rng = np.random.default_rng(0)
+    noise = rng.integers(0, 255, (30, 64, 64, 3), dtype=np.uint8)
+    video.write_video(iter(noise), path, 10)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(UserError, match=f"{name}: {reason}"):
+        extract_frames(path, tmp_path / "frames")
+    assert not (tmp_path / "frames").exists()
+
+
+def test_pictures_that_are_not_taken_are_reported(tmp_path):
+    for i in range(3):
+        image_io.write(tmp_path / f"{i}.png", flat_picture(20.0 + i))
+    (tmp_path / "9.gif").touch()
+    (tmp_path / "gone.jpg").symlink_to("nowhere")
+    before = pipeline._fingerprint(tmp_path)
+    for name in ("@eaDir/0.png", ".DS_Store", "._0.png", "notes.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"metadata")
+    found = find_photos(tmp_path, tmp_path.with_suffix(".notes"))
+    assert [photo.name for photo in found.photos] == ["0.png", "1.png", "2.png"]
+    reasons = {entry.name: entry.reason for entry in found.rejected}
+    assert reasons.keys() == {"9.gif", "gone.jpg"}
+    assert reasons["gone.jpg"] == "a link to nothing"
+    assert pipeline._fingerprint(tmp_path) == before
+    image_io.write(tmp_path / "3.png", flat_picture(9.0))
+    assert pipeline._fingerprint(tmp_path) != before
+
+
+def test_heic_photos_become_png_and_their_jpeg_twin_is_one_shot(tmp_path):
+    pytest.importorskip("pillow_heif").register_heif_opener()
+    for i in range(4):
+        picture = Image.new("RGB", (64, 48), (40 + 20 * i, 30, 20))
+        picture.save(tmp_path / f"{i}.heic", quality=90)
+    picture.save(tmp_path / "3.JPG")
+    found = find_photos(tmp_path, tmp_path / NOTES)
+    assert [p.scene_name for p in found.photos] == ["0.png", "1.png", "2.png", "3.JPG"]
+    assert found.rejected[0].reason.startswith("the same shot as 3.JPG")
+    scene_files.place_photo(found.photos[0], tmp_path / "scene")
+    placed = image_io.read_srgb(tmp_path / "scene" / "images" / "0.png")
+    np.testing.assert_allclose(placed[24, 32] * 255.0, (40, 30, 20), atol=3.0)
+
+
 def test_what_was_read_before_is_not_read_again(tmp_path, monkeypatch):
     for i in range(4):
         image_io.write(tmp_path / f"{i}.png", flat_picture(10.0 * i))
@@ -300,6 +400,14 @@ def test_raw_beside_its_jpeg_is_one_shot(tmp_path):
     found = find_photos(tmp_path, tmp_path / NOTES)
     assert [photo.name for photo in found.photos] == ["0.jpg", "1.jpg", "2.jpg"]
     assert found.rejected[0].reason.startswith("the same shot as 1.jpg")
+
+
+def test_of_files_that_are_developed_to_one_name_one_is_taken(tmp_path):
+    for name in ("1.dng", "1.EXR", "1.heic", "2.dng", "2.exr", "3.dng", "4.dng"):
+        (tmp_path / name).write_bytes(name.encode())
+    reasons = photos._twins(tmp_path, [p.name for p in sorted(tmp_path.iterdir())])
+    assert reasons.keys() == {"1.dng", "1.EXR", "2.dng"}
+    assert reasons["1.dng"].startswith("the same shot as 1.heic")
 
 
 def test_a_broken_raw_photo_is_named(tmp_path):

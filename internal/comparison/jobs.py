@@ -27,9 +27,9 @@ from internal.comparison.scored_run import train_and_score
 from internal.configs import Config
 from internal.errors import UserError
 from internal.files import image_io
+from internal.files.listing import flat_pngs
 from internal.files.made_folder import Facts, make_folder
 from internal.scene import readers
-from internal.scene.pairing import flat_png
 from internal.scoring import evaluation
 from internal.training import run_folder
 
@@ -209,6 +209,11 @@ def _enhanced_photos(out: Path, job: Job, config: Config) -> Path:
             job.data_dir, config.dataset_loader, config.images_dir
         )
         named = list(zip(files.names, files.image_paths, strict=True))
+        if len({Path(name).with_suffix("") for name in files.names}) < len(named):
+            raise UserError(
+                f"{job.data_dir}: two of its pictures differ only in their ending; "
+                "rename one"
+            )
         for name, path in progress.track(named, len(named), job.photos, "photo"):
             inside = Path(name).relative_to(Path(name).anchor)
             target = (partial / inside).with_suffix(".png")
@@ -229,6 +234,7 @@ def _score_photos(out: Path, job: Job, bindings: Sequence[str]) -> None:
         scene = cli.load_split(configs.load_config([], bindings), "test")
         views: dict[str, evaluation.Scores] = {}
         names = scene.view_names
+        pngs = flat_pngs(names)
         for index, name in enumerate(
             progress.track(names, len(names), "scoring", "photo")
         ):
@@ -238,7 +244,7 @@ def _score_photos(out: Path, job: Job, bindings: Sequence[str]) -> None:
                 truth = from_uint16(scene.truth[index])
                 views[name] = evaluation.score_pictures(shown, truth)
                 shown["truth"] = truth
-            _write_pictures(partial, flat_png(name), shown)
+            _write_pictures(partial, pngs[index], shown)
         mean = evaluation.mean_scores(views) if views else {}
         result = {"views": views, "mean": mean}
         run_folder.write_text(

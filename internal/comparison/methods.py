@@ -11,6 +11,7 @@ from pathlib import Path
 
 from internal.comparison import enhancers
 from internal.errors import UserError
+from internal.files.listing import is_metadata
 from internal.scoring.evaluation import BASELINES
 
 OUTPUTS = (*BASELINES, "enhanced")
@@ -50,7 +51,8 @@ def methods_for(methods: Sequence[Method], data_dir: Path) -> tuple[Method, ...]
     found = []
     for method in methods:
         if "*" in method.photos:
-            folders = sorted(p for p in data_dir.glob(method.photos) if p.is_dir())
+            found_here = data_dir.glob(method.photos)
+            folders = sorted(p for p in found_here if p.is_dir() and not is_metadata(p))
             found += [
                 dataclasses.replace(
                     method,

@@ -10,15 +10,34 @@ from typing import Any
 
 from internal.errors import UserError
 
+PARTIAL = ".partial-"  # before the name of what is being written
+
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Turns an ``OSError`` of writing into a ``UserError`` that names ``path``."""
+    """Turns an ``OSError`` into a ``UserError`` that names the file it is about:
+    ``path``, which is being written, or one that was to be read."""
     try:
         yield
     except OSError as error:
+        check_read(path, error)
         raise UserError(
             f"{path}: cannot write ({error.strerror}); free space or pick a folder"
+        ) from error
+
+
+def check_read(path: Path, error: OSError) -> None:
+    """Returns if an error is about writing ``path`` or something in it.
+
+    Raises:
+        UserError: it is about another file, which could not be read.
+    """
+    name = error.filename
+    if not isinstance(name, str) or PARTIAL in name:
+        return
+    if not Path(name).is_relative_to(path):
+        raise UserError(
+            f"{name}: cannot read ({error.strerror}); put it back, or make it readable"
         ) from error
 
 
@@ -31,7 +50,7 @@ def writing(path: Path) -> Iterator[Path]:
     Raises:
         UserError: the folder cannot be written or the disk is full.
     """
-    partial = path.with_name(f".partial-{path.name}")
+    partial = path.with_name(f"{PARTIAL}{path.name}")
     try:
         with naming(path):
             yield partial

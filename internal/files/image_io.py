@@ -2,10 +2,15 @@
 """Image files, through OpenImageIO (the only module that imports it).
 
 Pictures are ``[height, width, channels]`` float32 sRGB in [0, 1] unless a name
-says otherwise; row 0 is the top row, as seen (EXIF orientation is applied).
+says otherwise; row 0 is the top row. ``upright`` pixels are as seen: the EXIF
+orientation is applied. Without it they are as stored, which is what the poses of
+programs that ignore the tag (COLMAP, LLFF) mean.
 """
 
+import contextlib
 import dataclasses
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +18,29 @@ import OpenImageIO as oiio
 from jaxtyping import Float
 
 from internal.errors import UserError
-from internal.files import atomic
+from internal.files import atomic, color_profile, heif
+from internal.files.color_profile import Encoding
 
 FONT = "DroidSans"
-EXTENSIONS = frozenset(
-    ".png .jpg .jpeg .tif .tiff .webp .bmp .exr .hdr .jp2 .jxl .tga .ppm".split()
+TRANSPOSED = range(5, 9)  # EXIF orientations that swap width and height
+EXTENSIONS = heif.EXTENSIONS | frozenset(
+    ".png .jpg .jpeg .jpe .jfif .jif .jfi .tif .tiff .webp .bmp .dib .exr .hdr .jp2 "
+    ".j2k .jxl .tga .ppm .pgm .pnm".split()
+)
+WRITTEN = frozenset(".png .jpg .jpeg .jpe .jfif .tif .tiff .bmp".split())
+# Their values are light, not sRGB.
+LINEAR_EXTENSIONS = frozenset([".exr", ".hdr"])
+LINEAR_FORMATS = ("openexr", "hdr")
+FLOATS = ("float", "half", "double")
+COLOR_KEYS = ("jpeg:ColorSpace", "tiff:ColorSpace")
+PRINT_COLORS = ("CMYK", "YCCK", "CIELAB", "ICCLAB", "ITULAB")
+JPEG_MARKER = re.compile(rb"\xff[\x02-\xcf\xd8-\xfe]")  # not in coded pixels
+JPEG_END = 0xD9
+UNSTATED = (2, 2)  # codes of H.273
+EXIF_SRGB = 1
+ADOBE_RGB_ENTRIES = (
+    b"\x01\0\x02\0\x04\0\0\0R03\0",
+    b"\0\x01\0\x02\0\0\0\x04R03\0",
 )
 RAW_EXTENSIONS = frozenset(
     ".dng .arw .cr2 .cr3 .nef .orf .raf .rw2 .pef .srw .x3f .raw".split()
@@ -37,71 +60,88 @@ def is_image(path: Path) -> bool:
     return path.suffix.lower() in EXTENSIONS
 
 
-def read_srgb(path: Path) -> Float[np.ndarray, "height width 3"]:
-    """Reads one picture, upright, as float32 sRGB in [0, 1].
+def read_srgb(path: Path, upright: bool = True) -> Float[np.ndarray, "height width 3"]:
+    """Reads one picture, upright or as stored, as float32 sRGB in [0, 1].
 
-    Grey is repeated to three channels. Alpha is composited onto black: in a dark
-    capture a pixel that saw nothing is black.
+    Colours are brought to sRGB from what the file states (``color_profile``); values
+    of EXR and HDR files are light. sRGB is not changed by a bit. Grey is repeated to
+    three channels. Alpha is composited onto black: in a dark capture a pixel that saw
+    nothing is black.
 
     Raises:
-        UserError: the file is missing, empty, truncated, corrupt, RAW, or not
-            an image.
+        UserError: the file is missing, empty, cut short, corrupt, RAW, not a picture,
+            or one of another kind than a photo.
     """
-    if path.suffix.lower() in RAW_EXTENSIONS:
-        raise UserError(
-            f"{path}: RAW photo; the method takes 8-bit sRGB: develop it to JPEG "
-            "or PNG with a fixed exposure and white balance first"
-        )
-    if not path.is_file():
-        raise UserError(f"{path}: image not found; check the path in the scene file")
-    spec = oiio.ImageSpec()
-    spec["oiio:UnassociatedAlpha"] = 1
-    buffer = oiio.ImageBuf(str(path), 0, 0, spec)
-    pixels = None if buffer.has_error else _upright(buffer).get_pixels(oiio.FLOAT)
-    if pixels is None or buffer.has_error or pixels.size == 0:
-        reason = " ".join(buffer.geterror().split()) or "no pixels"
-        raise UserError(
-            f"{path}: not a readable image ({reason}); expected a whole "
-            "JPEG, PNG or TIFF: copy the file again or remove it from the scene"
-        )
-    return _to_rgb(np.asarray(pixels, np.float32))
+    pixels, encoding, orientation = _read(path)
+    return _to_rgb(_turn(pixels, orientation) if upright else pixels, encoding)
 
 
-def read_size(path: Path) -> tuple[int, int]:
-    """Upright (width, height) from the file's header alone."""
-    buffer = oiio.ImageBuf(str(path))
-    if buffer.has_error:
-        return read_srgb(path).shape[1::-1]  # raises with the reason
-    spec = buffer.spec()
-    turned = buffer.orientation >= 5
+def read_values(path: Path) -> Float[np.ndarray, "height width channels"]:
+    """What the file stores, as stored: for pictures of other things than light.
+
+    Values of integers are in [0, 1]; grey or three channels, without alpha.
+
+    Raises:
+        UserError: as ``read_srgb``.
+    """
+    pixels, _, _ = _read(path)
+    return pixels[..., : 1 if pixels.shape[-1] < 3 else 3]
+
+
+def read_size(path: Path, upright: bool = True) -> tuple[int, int]:
+    """(width, height), upright or as stored, from the file's header alone.
+
+    Raises:
+        UserError: as ``read_srgb``, as far as the header tells.
+    """
+    _check_kind(path)
+    if heif.is_heif(path):
+        return heif.read_size(path)
+    with _open(path) as file:
+        spec = file.spec()
+    turned = upright and _orientation(spec) in TRANSPOSED
     return (spec.height, spec.width) if turned else (spec.width, spec.height)
 
 
 def read_exif(path: Path) -> Exif:
     """What the camera wrote about the photo; empty for a file that is unreadable."""
-    buffer = oiio.ImageBuf(str(path))
-    if buffer.has_error:
+    try:
+        if heif.is_heif(path):
+            maker, model, focal = heif.read_camera(path)
+        else:
+            with _open(path) as file:
+                spec = file.spec()
+            maker, model = map(spec.get_string_attribute, ("Make", "Model"))
+            focal = float(spec.get_int_attribute("Exif:FocalLengthIn35mmFilm", 0))
+    except (UserError, OSError):
         return Exif("", 0.0)
-    spec = buffer.spec()
-    words = (spec.get_string_attribute(key) for key in ("Make", "Model"))
-    focal = float(spec.get_int_attribute("Exif:FocalLengthIn35mmFilm", 0))
-    return Exif(" ".join(word.strip() for word in words if word.strip()), focal)
+    words = (word.strip() for word in (maker, model))
+    return Exif(" ".join(filter(None, words)), focal)
 
 
-def write(path: Path, srgb: Float[np.ndarray, "height width channels"]) -> None:
-    """Writes 8-bit (PNG, JPEG) or float (EXR) by the name's ending, atomically.
+def write(
+    path: Path, srgb: Float[np.ndarray, "height width channels"], bits: int = 8
+) -> None:
+    """Writes integers of 8 bits (or 16, in PNG and TIFF), or in EXR the values as
+    they are, by the name's ending, atomically.
 
     Raises:
         UserError: the folder cannot be written or the disk is full.
     """
     buffer = oiio.ImageBuf(np.ascontiguousarray(np.asarray(srgb, np.float32)))
-    buffer.set_write_format("float" if path.suffix == ".exr" else "uint8")
+    buffer.set_write_format("float" if path.suffix == ".exr" else f"uint{bits}")
     with atomic.writing(path) as partial:
         if not buffer.write(str(partial)):
             reason = " ".join(buffer.geterror().split())
             raise UserError(
                 f"{path}: cannot write ({reason}); free space or pick another folder"
             )
+
+
+def writable(name: Path) -> Path:
+    """The name, or that of a PNG where its ending is of a format that ``write`` does
+    not write without loss of what the method needs."""
+    return name if name.suffix.lower() in WRITTEN else name.with_suffix(".png")
 
 
 def resize_area(
@@ -151,16 +191,212 @@ def _raise_no_font(reason: str) -> None:
     )
 
 
-def _upright(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
-    """Applies the EXIF orientation."""
-    return buffer if buffer.orientation == 1 else oiio.ImageBufAlgo.reorient(buffer)
+def _read(
+    path: Path,
+) -> tuple[Float[np.ndarray, "height width channels"], Encoding | None, int]:
+    """Pixels as stored with alpha last, what they mean, and how they are turned."""
+    _check_kind(path)
+    if heif.is_heif(path):
+        photo = heif.read(path)
+        encoding = _encoding(path, photo.icc, photo.codes, photo.pixels.shape[-1])
+        return photo.pixels, encoding, 1
+    with _open(path) as file:
+        spec = file.spec()
+        pixels = file.read_image(0, 0, 0, spec.nchannels, oiio.FLOAT)
+        # What libjpeg only warns about leaves rows grey: it counts as an error.
+        error = file.geterror()
+        encoding = _stated_encoding(path, file.format_name(), spec)
+        has_end = END_CHECKS.get(file.format_name(), lambda _: True)
+        if not error and not has_end(path.read_bytes()):
+            error = "its end is missing"
+    if pixels is None or error:
+        raise _unreadable(path, error)
+    pixels = np.asarray(pixels, np.float32)[..., _used_channels(spec)]
+    if not np.isfinite(pixels).all():
+        raise UserError(f"{path}: has pixels that are not numbers; write it again")
+    return pixels, encoding, _orientation(spec)
+
+
+def _check_kind(path: Path) -> None:
+    if path.suffix.lower() in RAW_EXTENSIONS:
+        raise UserError(
+            f"{path}: RAW photo; the method takes 8-bit sRGB: develop it to JPEG "
+            "or PNG with a fixed exposure and white balance first"
+        )
+    if not path.is_file():
+        raise UserError(f"{path}: image not found; check the path in the scene file")
+    try:
+        with path.open("rb") as file:
+            is_empty = not file.read(1)
+    except OSError as error:
+        raise _unreadable(path, str(error.strerror)) from error
+    if is_empty:
+        raise _unreadable(path, "the file is empty")
+
+
+@contextlib.contextmanager
+def _open(path: Path) -> Iterator[oiio.ImageInput]:
+    """The file, at its first picture; refuses what is no photo by its header."""
+    wanted = oiio.ImageSpec()
+    wanted["oiio:UnassociatedAlpha"] = 1
+    file = oiio.ImageInput.open(str(path), wanted)
+    if file is None:
+        raise _unreadable(path, oiio.geterror())
+    try:
+        fault = _fault(file.format_name(), file.spec())
+        if not fault and file.format_name() == "tiff":
+            fault = _further_pages(file)
+        if fault:
+            raise UserError(f"{path}: {fault}")
+        yield file
+    finally:
+        file.close()
+
+
+def _unreadable(path: Path, error: str) -> UserError:
+    reason = " ".join(error.replace(f'("{path}")', "").split()) or "no pixels"
+    return UserError(
+        f"{path}: not a readable image ({reason}); expected a whole "
+        "JPEG, PNG or TIFF: copy the file again or remove it from the scene"
+    )
+
+
+def _fault(kind: str, spec: oiio.ImageSpec) -> str:
+    """Why a file with this header is no photo that can be taken; "" if it is one."""
+    colors = spec.nchannels - (spec.alpha_channel >= 0)
+    if min(spec.width, spec.height, colors) < 1:
+        return "no pixels; expected a picture"
+    if any(spec.get_string_attribute(key) in PRINT_COLORS for key in COLOR_KEYS):
+        return "colours for print (CMYK or Lab), not for light; save it as sRGB"
+    if spec.get_int_attribute("oiio:Movie"):
+        return "a moving picture; save its frames as photos"
+    if str(spec.format) in FLOATS and kind not in LINEAR_FORMATS:
+        return (
+            f"numbers of floating point in a {kind} file, which may be light or sRGB; "
+            "save light as EXR, sRGB with 8 or 16 bits"
+        )
+    size = spec.full_width, spec.full_height
+    if kind == "openexr" and (spec.width, spec.height) != size:
+        return (
+            f"holds {spec.width}x{spec.height} pixels of a picture of "
+            f"{size[0]}x{size[1]}; save the whole picture"
+        )
+    names = spec.channelnames
+    if colors != 1 and tuple(names[:3]) != ("R", "G", "B"):
+        return f"its channels are {', '.join(names[:6])}; expected R, G, B or grey"
+    return ""
+
+
+def _used_channels(spec: oiio.ImageSpec) -> list[int]:
+    """Grey or R, G, B, and alpha: not the depths, infrared, ... beside them."""
+    alpha = [spec.alpha_channel] if spec.alpha_channel >= 0 else []
+    return list(range(1 if spec.nchannels - len(alpha) == 1 else 3)) + alpha
+
+
+def _png_has_end(content: bytes) -> bool:
+    """Whether the closing chunk is there; other things may follow it."""
+    return b"IEND\xaeB`\x82" in content
+
+
+def _jpeg_has_end(content: bytes) -> bool:
+    """Whether the end marker is there; other pictures may be before and after it.
+
+    A decoder does not miss it where zeros follow, as in a file that was given its
+    size before its content came.
+    """
+    place = 2
+    while marker := JPEG_MARKER.search(content, place):
+        kind, place = marker[0][1], marker.end()
+        if kind == JPEG_END:
+            return True
+        place += int.from_bytes(content[place : place + 2])
+    return False
+
+
+END_CHECKS = {"jpeg": _jpeg_has_end, "png": _png_has_end}
+
+
+def _further_pages(file: oiio.ImageInput) -> str:
+    """Refuses more than one picture in a file; a smaller one is a preview."""
+    size = file.spec().width, file.spec().height
+    has_more = file.seek_subimage(1, 0) and (file.spec().width, file.spec().height)
+    file.seek_subimage(0, 0)
+    file.geterror()  # that there is no second one
+    return "several pictures in one file; save each of its own" * (has_more == size)
+
+
+def _stated_encoding(path: Path, kind: str, spec: oiio.ImageSpec) -> Encoding | None:
+    """What the header says its values mean."""
+    if kind in LINEAR_FORMATS:
+        stated = spec.getattribute("chromaticities")
+        return color_profile.from_gamma(1.0, *([tuple(stated)] if stated else []))
+    icc = spec.getattribute("ICCProfile")
+    codes = (spec.getattribute("CICP") or UNSTATED)[:2]
+    colors = spec.nchannels - (spec.alpha_channel >= 0)
+    encoding = _encoding(path, bytes(icc) if icc is not None else b"", codes, colors)
+    if encoding or icc is not None or codes != UNSTATED:
+        return encoding
+    if kind == "png" and (gamma := _png_gamma(spec)) != 0.0:
+        return color_profile.from_gamma(gamma)
+    if kind == "jpeg" and spec.get_int_attribute("Exif:ColorSpace") != EXIF_SRGB:
+        return color_profile.adobe_rgb() if _names_adobe_rgb(path) else None
+    return None
+
+
+def _encoding(
+    path: Path, icc: bytes, codes: tuple[int, int], channels: int
+) -> Encoding | None:
+    """Codes before a profile, as PNG and HEIF rank HDR; None for sRGB."""
+    try:
+        if codes[1] in color_profile.HDR or not icc:
+            return color_profile.from_codes(*codes)
+        return color_profile.from_icc(icc, 1 if channels < 3 else 3)
+    except color_profile.ProfileError as error:
+        raise UserError(f"{path}: {error}; save it as sRGB") from error
+
+
+def _png_gamma(spec: oiio.ImageSpec) -> float:
+    """The power that a PNG states; 0 for none, and for sRGB's usual stand-in 1/2.2."""
+    if spec.get_string_attribute("oiio:ColorSpace").startswith("lin_"):
+        return 1.0
+    gamma = spec.get_float_attribute("oiio:Gamma")
+    return 0.0 if abs(gamma - 2.2) < 0.01 else gamma
+
+
+def _names_adobe_rgb(path: Path) -> bool:
+    """Whether EXIF's interoperability index is R03, as cameras say Adobe RGB."""
+    with path.open("rb") as file:
+        start = file.read(65536)
+    return any(entry in start for entry in ADOBE_RGB_ENTRIES)
+
+
+def _orientation(spec: oiio.ImageSpec) -> int:
+    """The EXIF orientation; 1, as stored, where it states none of the eight."""
+    orientation = spec.get_int_attribute("Orientation", 1)
+    return orientation if orientation in range(1, 9) else 1
+
+
+def _turn(
+    pixels: Float[np.ndarray, "h w channels"], orientation: int
+) -> Float[np.ndarray, "h2 w2 channels"]:
+    """Stored pixels as seen under an EXIF orientation of 1 to 8."""
+    if orientation in TRANSPOSED:
+        pixels = pixels.swapaxes(0, 1)
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    return pixels
 
 
 def _to_rgb(
-    pixels: Float[np.ndarray, "height width channels"],
+    pixels: Float[np.ndarray, "height width channels"], encoding: Encoding | None
 ) -> Float[np.ndarray, "height width 3"]:
-    if pixels.shape[-1] in (2, 4):
-        pixels = pixels[..., :-1] * pixels[..., -1:]
-    if pixels.shape[-1] == 1:
-        pixels = np.repeat(pixels, 3, axis=-1)
-    return np.ascontiguousarray(pixels[..., :3])
+    """sRGB on black of 1 to 4 channels, of which the second and fourth are alpha."""
+    colors = 1 if pixels.shape[-1] < 3 else 3
+    srgb = color_profile.to_srgb(pixels[..., :colors], encoding)
+    if pixels.shape[-1] > colors:
+        srgb = srgb * pixels[..., colors : colors + 1]
+    if colors == 1:
+        srgb = np.repeat(srgb, 3, axis=-1)
+    return np.ascontiguousarray(srgb)

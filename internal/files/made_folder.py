@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from internal.errors import UserError
-from internal.files.atomic import naming, writing
+from internal.files import listing
+from internal.files.atomic import PARTIAL, naming, writing
 
 RECORD = "made_with.json"
 
@@ -47,7 +48,7 @@ def make_folder(
     record = _own_record(folder, settings, overwrite=overwrite)
     if record and not overwrite:
         return record["facts"]
-    partial = folder.with_name(f".partial-{folder.name}-{os.getpid()}")
+    partial = folder.with_name(f"{PARTIAL}{folder.name}-{os.getpid()}")
     try:
         with naming(folder):
             partial.mkdir(parents=True)
@@ -120,7 +121,9 @@ def _write_record(
 
 
 def _is_occupied(folder: Path) -> bool:
-    return not folder.is_dir() or any(folder.iterdir())
+    if not folder.is_dir():
+        return True
+    return not all(map(listing.is_metadata, folder.iterdir()))
 
 
 def _read_record(folder: Path) -> dict[str, Any] | None:

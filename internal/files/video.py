@@ -1,25 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """H.264 videos that any player opens, through PyAV (the only module that imports it).
 
-The optional extra ``video`` brings PyAV with its own FFmpeg. Frames are
-``[height, width, 3]`` uint8 sRGB, row 0 at the top.
+The optional extra ``video`` brings PyAV with its own FFmpeg. Written frames are
+``[height, width, 3]`` uint8 sRGB, row 0 at the top. What is read is brought to sRGB
+from what the video states (``color_profile``); BT.709 is shown as sRGB is.
 """
 
+import dataclasses
 import importlib.util
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
 from internal.errors import UserError
 from internal.files.atomic import writing
+from internal.files.color_profile import Encoding, from_codes, to_srgb
 
 if TYPE_CHECKING:
     import av
+    from av.container import InputContainer
 
 CRF = 17  # constant quality of x264 at which few eyes find a difference
+CUT_OFF = 0.1  # of the stated length, or a second: a file copied in part
+# Codes of H.273; players take large videos that state nothing as BT.709.
+UNSTATED, BT709_MATRIX, SD_HEIGHT = 2, 1, 576
 BT709 = "colorprim=bt709:transfer=bt709:colormatrix=bt709"
 
 
@@ -51,10 +58,41 @@ def write_video(
         _encode(frames, partial, fps)
 
 
-def read_video(
-    path: Path,
-) -> Iterator[tuple[float, UInt8[np.ndarray, "height width 3"]]]:
-    """Yields the time in seconds and the picture, upright, of each frame.
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    """One picture of a video, upright, which is brought to sRGB when asked."""
+
+    time: float  # seconds
+    _decoded: "av.VideoFrame"
+    _encoding: Encoding | None
+    _turns: int  # quarters, counterclockwise
+
+    def quick(self) -> UInt8[np.ndarray, "h w 3"]:
+        """Its values in 8 bits as the video codes them: fit to compare frames."""
+        return np.rot90(self._rgb("rgb24"), self._turns)
+
+    def is_deep(self) -> bool:
+        """Whether it has more than 8 bits, or loses some when brought to sRGB."""
+        bits = max(component.bits for component in self._decoded.format.components)
+        return bits > 8 or self._encoding is not None
+
+    def srgb(self) -> Float[np.ndarray, "h w 3"]:
+        """The picture in [0, 1], of the depth that the video has."""
+        if not self.is_deep():
+            return self.quick().astype(np.float32) / 255.0
+        stored = self._rgb("rgb48le").astype(np.float32) / 65535.0
+        return np.rot90(to_srgb(stored, self._encoding), self._turns)
+
+    def _rgb(self, layout: str) -> np.ndarray:
+        frame = self._decoded
+        matrix = frame.colorspace
+        if matrix == UNSTATED and frame.height > SD_HEIGHT:
+            matrix = BT709_MATRIX
+        return frame.reformat(format=layout, src_colorspace=matrix).to_ndarray()
+
+
+def read_video(path: Path) -> Iterator[Frame]:
+    """Yields each frame; videos of HDR and of wide gamut are said to be so.
 
     Raises:
         UserError: PyAV is missing, or the file is no video that it can read.
@@ -66,14 +104,38 @@ def read_video(
 
     try:
         with av.open(str(path)) as container:
-            for frame in container.decode(video=0):
-                picture = frame.to_ndarray(format="rgb24")
-                yield frame.time or 0.0, np.rot90(picture, round(frame.rotation / 90))
+            codec = container.streams.video[0].codec_context
+            encoding, time = None, 0.0
+            for index, frame in enumerate(container.decode(video=0)):
+                if index == 0:  # what only the frames state is known now
+                    encoding = _encoding(path, codec)
+                turns, time = round(frame.rotation / 90), frame.time or 0.0
+                yield Frame(time, frame, encoding, turns)
+            stated = _seconds(container)
     except (FFmpegError, IndexError) as error:
         raise UserError(
             f"{path}: not a readable video ({error}); expected MP4, MOV, MKV, ...: "
             "copy the file again, or give a folder of photos"
         ) from error
+    if stated - time > max(1.0, CUT_OFF * stated):
+        raise UserError(
+            f"{path}: ends after {time:.1f} of {stated:.1f} seconds; copy it again"
+        )
+
+
+def _seconds(container: "InputContainer") -> float:
+    """The stated length: the pictures' own if there is one, else with the sound."""
+    stream = container.streams.video[0]
+    if stream.duration and stream.time_base:
+        return float(stream.duration * stream.time_base)
+    return (container.duration or 0) / 1e6
+
+
+def _encoding(path: Path, codec: "av.VideoCodecContext") -> Encoding | None:
+    encoding = from_codes(int(codec.color_primaries), int(codec.color_trc))
+    if encoding:
+        print(f"{path}: {encoding.name}, brought to sRGB", flush=True)
+    return encoding
 
 
 def _encode(

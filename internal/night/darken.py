@@ -7,6 +7,7 @@ the truth, in the folder ``high``.
 """
 
 import dataclasses
+import os
 import shutil
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
@@ -16,6 +17,7 @@ from tqdm import tqdm
 from internal import color
 from internal.errors import UserError
 from internal.files import image_io
+from internal.files.listing import list_files
 from internal.files.made_folder import Facts, make_folder
 from internal.night.capture import CaptureModel, capture, view_key
 from internal.scene import readers
@@ -75,7 +77,8 @@ def darken(
             _copy(source, partial / TRUTH / truth[view])
             srgb = image_io.read_srgb(source)
             dark = capture(color.srgb_to_linear(srgb), model, view_key(model, view))
-            target = partial / source.relative_to(data_dir)
+            inside = _absolute(source).relative_to(_absolute(data_dir))
+            target = partial / image_io.writable(inside)
             target.parent.mkdir(parents=True, exist_ok=True)
             image_io.write(target, color.quantize(dark / 255.0))
             levels["dark_level"] += float(dark.mean()) / len(truth)
@@ -91,8 +94,12 @@ def _check(data_dir: Path, folder: Path, image_paths: Sequence[Path]) -> None:
         raise UserError(f"{truth}: the scene has normal-light truth already")
     if folder.resolve().is_relative_to(data_dir.resolve()):
         raise UserError(f"{folder}: lies in the dataset itself; choose another folder")
+    if len({image_io.writable(path) for path in image_paths}) < len(image_paths):
+        raise UserError(
+            f"{data_dir}: two of its pictures differ only in their ending; rename one"
+        )
     for path in image_paths:
-        if not path.resolve().is_relative_to(data_dir.resolve()):
+        if not _absolute(path).is_relative_to(_absolute(data_dir)):
             raise UserError(f"{path}: lies outside of {data_dir}; move it there")
 
 
@@ -107,9 +114,15 @@ def _truth_names(names: Sequence[str], image_paths: Sequence[Path]) -> list[str]
 def _copy_pose_files(data_dir: Path, folder: Path) -> None:
     for pattern in POSE_FILES:
         for source in data_dir.glob(pattern):
-            for path in source.rglob("*") if source.is_dir() else [source]:
+            for path in list_files(source) if source.is_dir() else [source]:
                 if path.is_file() and not image_io.is_image(path):
                     _copy(path, folder / path.relative_to(data_dir))
+
+
+def _absolute(path: Path) -> Path:
+    """Without "..", but through links as they are called: a linked folder of
+    pictures is a part of the dataset."""
+    return Path(os.path.abspath(path))
 
 
 def _copy(source: Path, target: Path) -> None:

@@ -16,18 +16,19 @@ from jaxtyping import Float
 
 from internal import color, progress
 from internal.errors import UserError
-from internal.files import atomic, image_io, raw
+from internal.files import atomic, heif, image_io, listing, raw
 from internal.prepare.statistics import PhotoStatistics, measure
 
 FEWEST = 3
 FILM_DIAGONAL = math.hypot(36.0, 24.0)  # mm
-# Light, not sRGB: developed to an 8-bit PNG like RAW.
-LINEAR_EXTENSIONS = frozenset([".exr", ".hdr"])
-DEVELOPED_EXTENSIONS = image_io.RAW_EXTENSIONS | LINEAR_EXTENSIONS
+# Not 8-bit sRGB, or not read by other programs: developed to an 8-bit PNG.
+DEVELOPED_EXTENSIONS = (
+    image_io.RAW_EXTENSIONS | image_io.LINEAR_EXTENSIONS | heif.EXTENSIONS
+)
 
 
 def scene_name(name: PurePosixPath) -> str:
-    """The name of a picture in a scene: RAW and EXR become PNG files."""
+    """The name of a picture in a scene: RAW, EXR and HEIC become PNG files."""
     developed = name.suffix.lower() in DEVELOPED_EXTENSIONS
     return (name.with_suffix(".png") if developed else name).as_posix()
 
@@ -75,8 +76,8 @@ def find_photos(folder: Path, notes: Path) -> Found:
     Raises:
         UserError: the folder is missing, or holds fewer than ``FEWEST`` usable ones.
     """
-    names = list_names(folder)
-    rejected = _twins(folder, names)
+    names, left_out = list_names(folder)
+    rejected = _twins(folder, names) | left_out
     photos = []
     known = _read_notes(notes, folder)
     for name in progress.track(names, len(names), "reading photos", "photo"):
@@ -94,35 +95,35 @@ def find_photos(folder: Path, notes: Path) -> Found:
     )
     if len(photos) < FEWEST:
         raise UserError(
-            f"{folder}: {len(photos)} usable photos of {len(names)}; at least {FEWEST} "
+            f"{folder}: {len(photos)} usable photos of {len(names) + len(left_out)}; "
+            f"at least {FEWEST} "
             f"from different places make a scene{_examples(found.rejected)}"
         )
     return found
 
 
-def list_names(folder: Path) -> tuple[str, ...]:
-    """Sorted names of all files that end like a photo, RAW included.
+def list_names(folder: Path) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Sorted names of all photos, RAW included; and of pictures that are not taken,
+    why.
 
     Raises:
         UserError: the folder is missing or there is none.
     """
     if not folder.is_dir():
         raise UserError(f"{folder}: no such folder or video; check the path")
-    endings = image_io.EXTENSIONS | image_io.RAW_EXTENSIONS
-    names = sorted(
-        path.relative_to(folder).as_posix()
-        for path in folder.rglob("*")
-        if path.suffix.lower() in endings and not path.name.startswith(".")
-    )
+    found = listing.find_pictures(folder)
+    names = tuple(sorted(found.pictures + found.raw))
     if not names:
+        left_out = listing.describe(found.left_out)
         raise UserError(
-            f"{folder}: no photo in it; expected JPG, PNG, TIFF, WebP, EXR or RAW"
+            f"{folder}: no photo in it; expected JPG, PNG, TIFF, WebP, HEIC, EXR or RAW"
+            + (f"; left out: {left_out}" if left_out else "")
         )
-    return tuple(names)
+    return names, {entry.name: entry.reason for entry in found.left_out}
 
 
 def read_photo(path: Path) -> Float[np.ndarray, "height width 3"]:
-    """One photo as upright sRGB in [0, 1]; RAW and EXR are developed to 8 bits.
+    """One photo as upright sRGB in [0, 1]; RAW, EXR and HEIC are developed to 8 bits.
 
     Raises:
         UserError: it cannot be read.
@@ -130,31 +131,35 @@ def read_photo(path: Path) -> Float[np.ndarray, "height width 3"]:
     if path.suffix.lower() in image_io.RAW_EXTENSIONS:
         return raw.develop(path)
     pixels = image_io.read_srgb(path)
-    if path.suffix.lower() in LINEAR_EXTENSIONS:
-        return color.quantize(color.linear_to_srgb(pixels))
-    return pixels
+    is_developed = path.suffix.lower() in DEVELOPED_EXTENSIONS
+    return color.quantize(pixels) if is_developed else pixels
 
 
 def _twins(folder: Path, names: Sequence[str]) -> dict[str, str]:
-    """Reasons of files that show what another shows: copies, and RAW beside JPEG."""
+    """Reasons of files that show what another shows: copies, and of a shot that was
+    saved as JPEG, HEIC or RAW at once, all but the first of these."""
     reasons: dict[str, str] = {}
     by_content: dict[str, str] = {}
     for name in names:
         content = _digest(folder / name)
-        if content in by_content and (folder / name).stat().st_size:
+        if content in by_content:
             reasons[name] = f"the same file as {by_content[content]}"
-        by_content.setdefault(content, name)
-    stems = {
-        PurePosixPath(name).with_suffix(""): name
-        for name in names
-        if PurePosixPath(name).suffix.lower() not in DEVELOPED_EXTENSIONS
-    }
-    for name in names:
+        if content:
+            by_content[content] = by_content.get(content, name)
+    shots: dict[PurePosixPath, str] = {}
+    for name in sorted(names, key=_development):
         path = PurePosixPath(name)
-        twin = stems.get(path.with_suffix(""))
-        if twin and path.suffix.lower() in DEVELOPED_EXTENSIONS:
-            reasons[name] = f"the same shot as {twin}, which is 8-bit sRGB already"
+        twin = shots.setdefault(path.with_suffix(""), name)
+        if twin != name and _development(name):
+            reasons[name] = f"the same shot as {twin}, which is less to be developed"
     return reasons
+
+
+def _development(name: str) -> int:
+    """How far a file is from 8-bit sRGB that all programs read, which is 0."""
+    ending = PurePosixPath(name).suffix.lower()
+    kinds = (heif.EXTENSIONS, image_io.LINEAR_EXTENSIONS, image_io.RAW_EXTENSIONS)
+    return next((rank for rank, kind in enumerate(kinds, 1) if ending in kind), 0)
 
 
 def _inspect(folder: Path, name: str) -> Photo | str:
@@ -197,8 +202,14 @@ def _read_notes(notes: Path, folder: Path) -> dict[str, Photo | str]:
 
 
 def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """Of the content; "" for a file that is empty, unreadable or gone: reading it
+    says why."""
+    try:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            return digest if file.tell() else ""
+    except OSError:
+        return ""
 
 
 def _examples(rejected: Sequence[Rejected]) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 
 from internal import progress
 from internal.errors import UserError
-from internal.files import image_io
+from internal.files import atomic, image_io, listing
 from internal.files.made_folder import begin_folder, finish_folder
 from internal.prepare import attempts, exposures, mapping, matching, scene_files
 from internal.prepare.attempts import Attempt
@@ -62,6 +62,7 @@ def prepare(inputs: Inputs, scene: Path, *, overwrite: bool) -> Report:
     try:
         return _prepare(inputs, scene)
     except OSError as error:
+        atomic.check_read(scene, error)
         raise cannot_write(scene, error) from error
 
 
@@ -145,8 +146,11 @@ def _settings(inputs: Inputs) -> dict[str, str | int]:
 
 
 def _fingerprint(path: Path) -> str:
-    """Changes when a file comes, goes or changes."""
-    files = sorted(p for p in path.rglob("*") if p.is_file()) or [path]
+    """Changes when a photo comes, goes or changes."""
+    files = [path]
+    if path.is_dir():
+        found = listing.find_pictures(path)
+        files = [path / name for name in sorted(found.pictures + found.raw)]
     digest = hashlib.sha256()
     for file in files:
         if file.is_file():

@@ -9,7 +9,8 @@ import numpy as np
 from internal import progress
 from internal.errors import UserError
 from internal.files import image_io
-from internal.files.video import read_video
+from internal.files.atomic import PARTIAL
+from internal.files.video import Frame, read_video
 from internal.prepare.statistics import sharpness
 
 INTERVAL = 0.5  # seconds
@@ -24,17 +25,19 @@ def extract_frames(video: Path, folder: Path) -> None:
     """
     if folder.is_dir():
         return
-    partial = folder.with_name(f".partial-{folder.name}")
+    partial = folder.with_name(f"{PARTIAL}{folder.name}")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
     best, best_sharpness, interval = None, -1.0, 0
     with progress.bar(0, f"reading {video.name}", "frame") as shown:
-        for time, frame in read_video(video):
-            if int(time / INTERVAL) != interval:
+        for frame in read_video(video):
+            if int(frame.time / INTERVAL) != interval:
                 _write(best, partial, interval)
-                best, best_sharpness, interval = None, -1.0, int(time / INTERVAL)
-            step = max(1, frame.shape[1] // SHARPNESS_WIDTH)
-            sharp = sharpness(frame[::step, ::step, 1].astype(np.float32) / 255.0)
+                best, best_sharpness = None, -1.0
+                interval = int(frame.time / INTERVAL)
+            quick = frame.quick()
+            step = max(1, quick.shape[1] // SHARPNESS_WIDTH)
+            sharp = sharpness(quick[::step, ::step, 1].astype(np.float32) / 255.0)
             if sharp > best_sharpness:
                 best, best_sharpness = frame, sharp
             shown.update()
@@ -44,7 +47,7 @@ def extract_frames(video: Path, folder: Path) -> None:
     partial.rename(folder)
 
 
-def _write(frame: np.ndarray | None, folder: Path, interval: int) -> None:
+def _write(frame: Frame | None, folder: Path, interval: int) -> None:
     if frame is not None:
-        path = folder / f"{interval:05}.png"
-        image_io.write(path, frame.astype(np.float32) / 255.0)
+        bits = 16 if frame.is_deep() else 8
+        image_io.write(folder / f"{interval:05}.png", frame.srgb(), bits=bits)

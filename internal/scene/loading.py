@@ -16,8 +16,9 @@ from internal import poses
 from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
+from internal.files.listing import list_pictures
 from internal.scene import colmap
-from internal.scene.pairing import find_truth_folder, list_pictures, pair_by_name
+from internal.scene.pairing import find_truth_folder, pair_by_name
 from internal.scene.readers.base import SceneFiles
 
 ROTATION_TOLERANCE = 1e-2  # hand-written JSON drifts; a mirror or a scale does not pass

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Folders of pictures, and which picture of one belongs to which of another.
 
-A *name* is a path relative to its folder, in POSIX spelling ("1.JPG",
-"left/1.JPG"). A dark folder and the folder of its normal-light twins lie side by
-side: ``low`` (or ``images``, ...) and one of ``TRUTH_FOLDERS``.
+Names are those of ``files.listing``. A dark folder and the folder of its
+normal-light twins lie side by side: ``low`` (or ``images``, ...) and one of
+``TRUTH_FOLDERS``.
 """
 
 import re
@@ -12,7 +12,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path, PurePosixPath
 
 from internal.errors import UserError
-from internal.files import image_io
+from internal.files.listing import composed, list_pictures, say_once
+from internal.scene.surface_normals import why_no_truth
 
 DARK_FOLDER = "low"
 TRUTH_FOLDERS = ("high", "normal", "gt", "images_normal")
@@ -44,11 +45,17 @@ def find_input_folder(data_dir: Path, images_dir: str) -> Path:
 
 
 def find_truth_folder(data_dir: Path, dark: Path) -> Path | None:
-    """The folder of normal-light twins beside the dark one or in the scene."""
-    for parent in (dark.parent, data_dir):
-        for name in TRUTH_FOLDERS:
-            if (parent / name).is_dir():
-                return parent / name
+    """The folder of normal-light twins beside the dark one or in the scene.
+
+    Says so if one of that name is none: without a picture, or of surface normals.
+    """
+    for parent in dict.fromkeys((dark.parent, data_dir)):
+        for folder in (parent / name for name in TRUTH_FOLDERS):
+            if folder.is_dir():
+                fault = why_no_truth(folder)
+                if not fault:
+                    return folder
+                say_once(f"{folder}: not taken as truth: {fault}")
     return None
 
 
@@ -61,24 +68,6 @@ def dark_twin(path: Path) -> Path:
     dark = path.parent.parent / DARK_FOLDER
     has_twin = path.parent.name in TRUTH_FOLDERS and dark.is_dir()
     return dark / path.name if has_twin else path
-
-
-def list_pictures(folder: Path) -> tuple[str, ...]:
-    """Sorted names of all pictures in a folder and its subfolders.
-
-    Raises:
-        UserError: the folder is missing or holds no picture.
-    """
-    if not folder.is_dir():
-        raise UserError(f"{folder}: folder of pictures not found; check the path")
-    files = [path for path in folder.rglob("*") if not path.name.startswith(".")]
-    names = [p.relative_to(folder).as_posix() for p in files if image_io.is_image(p)]
-    if not names:
-        hint = "copy the photos there"
-        if any(path.suffix.lower() in image_io.RAW_EXTENSIONS for path in files):
-            hint = "RAW photos must be developed to JPEG or PNG first"
-        raise UserError(f"{folder}: no picture (PNG, JPEG, TIFF, ...) in it; {hint}")
-    return tuple(sorted(names))
 
 
 def pair_by_name(
@@ -113,22 +102,15 @@ def pair_by_name(
     )
 
 
-def flat_png(name: str) -> str:
-    """The file name of a PNG of that picture where there are no folders: "1.JPG" is
-    "1.png", "left/1.JPG" is "left_1.png"."""
-    parts = PurePosixPath(name).with_suffix("").parts
-    return "_".join(part for part in parts if part.strip("/.")) + ".png"
-
-
 def _pair_by_key(
     names: Sequence[str], candidates: Sequence[str], key: Callable[[str], str]
 ) -> list[str]:
     """Partners with equal keys, or none if a key is missing, empty or shared."""
-    keys = [key(name) for name in names]
-    counts = Counter(map(key, candidates))
+    keys = [key(composed(name)) for name in names]
+    counts = Counter(key(composed(candidate)) for candidate in candidates)
     if len(set(keys)) < len(keys) or any(not k or counts[k] != 1 for k in keys):
         return []
-    by_key = {key(candidate): candidate for candidate in candidates}
+    by_key = {key(composed(candidate)): candidate for candidate in candidates}
     return [by_key[k] for k in keys]
 
 

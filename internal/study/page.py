@@ -15,7 +15,8 @@ from pathlib import Path
 
 from internal.errors import UserError
 from internal.files import image_io
-from internal.scene.pairing import flat_png, list_pictures, pair_by_name
+from internal.files.listing import flat_pngs, list_pictures
+from internal.scene.pairing import pair_by_name
 
 TEMPLATE = Path(__file__).parents[1] / "pages" / "assets" / "study.html"
 
@@ -85,8 +86,8 @@ def _copy(folder: Path, index: int, views: Sequence[str], method: Method) -> lis
     """Copies a method's pictures as PNGs; their addresses on the page, by view."""
     paths, _ = pair_by_name(views, method.folder)
     urls = []
-    for view, path in zip(views, paths, strict=True):
-        copied = folder / "pictures" / str(index) / flat_png(view)
+    for file, path in zip(flat_pngs(views), paths, strict=True):
+        copied = folder / "pictures" / str(index) / file
         copied.parent.mkdir(parents=True, exist_ok=True)
         image_io.write(copied, image_io.read_srgb(path))
         urls.append(urllib.parse.quote(copied.relative_to(folder).as_posix()))

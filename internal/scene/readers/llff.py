@@ -13,7 +13,8 @@ from jaxtyping import Float
 
 from internal.cameras import Lens
 from internal.errors import UserError
-from internal.scene.pairing import find_input_folder, list_pictures
+from internal.files.listing import list_pictures
+from internal.scene.pairing import find_input_folder
 from internal.scene.readers.base import Reader, SceneFiles
 
 POSES_FILE = "poses_bounds.npy"

@@ -28,6 +28,7 @@ from internal import poses
 from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
+from internal.files.listing import composed, find_file, is_metadata
 from internal.scene import colmap
 from internal.scene.pairing import dark_twin, pair_by_name
 from internal.scene.readers.base import Reader, SceneFiles
@@ -175,14 +176,17 @@ def _listed(frame: _Frame, key: str) -> set[str]:
 
 def _find_picture(frame: _Frame) -> Path:
     """The listed file; or the one of that stem, with any extension or case."""
-    path = frame.image_path
+    path = find_file(frame.image_path)
     if path.is_file():
         return path
-    stems = {path.name.casefold(), path.stem.casefold()}
+    stems = {composed(stem).casefold() for stem in (path.name, path.stem)}
     alike = sorted(
         other
         for other in path.parent.glob("*")
-        if other.stem.casefold() in stems and image_io.is_image(other)
+        if composed(other.stem).casefold() in stems
+        and image_io.is_image(other)
+        and other.is_file()
+        and not is_metadata(other)
     )
     if not alike:
         raise UserError(

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""HEIC, HEIF and AVIF photos, through pillow-heif and Pillow (the only module that
+imports them).
+
+The optional extra ``heif`` brings both. What turns such a photo is a part of its
+format, not a tag beside it: all programs see the same pixels, so "as stored" and
+"upright" mean the same here.
+"""
+
+import contextlib
+import dataclasses
+import importlib.util
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from internal.errors import UserError
+
+EXTENSIONS = frozenset(".heic .heif .hif .avif".split())
+BRANDS = tuple(b"heic heix hevc hevx heim heis mif1 msf1 avif avis".split())
+CAMERA_TAGS = (0x010F, 0x0110)  # of EXIF: maker, model
+EXIF_FOLDER = 0x8769
+FOCAL_35MM_TAG = 0xA405
+STATED = b"colrnclx"  # before the codes of H.273
+
+
+@dataclasses.dataclass(frozen=True)
+class Photo:
+    """A decoded photo."""
+
+    pixels: Float[np.ndarray, "h w channels"]  # 1 to 4 channels in [0, 1], alpha last
+    icc: bytes  # empty if there is no profile
+    codes: tuple[int, int]  # primaries and transfer of H.273; 2, 2 if not stated
+
+
+def available() -> bool:
+    """Whether the extra ``heif`` is installed."""
+    return importlib.util.find_spec("pillow_heif") is not None
+
+
+def is_heif(path: Path) -> bool:
+    """Whether the file's first bytes say so, whatever its name is."""
+    with path.open("rb") as file:
+        start = file.read(12)
+    return start[4:8] == b"ftyp" and start[8:12] in BRANDS
+
+
+def read(path: Path) -> Photo:
+    """Decodes the photo: HEIF at its full depth, AVIF at 8 bits.
+
+    Raises:
+        UserError: the extra is missing, the file is cut short or broken, or moves.
+    """
+    with _opened(path) as image:
+        pixels = np.asarray(image)
+        one = _white(image.info.get("bit_depth", 8), pixels.dtype)
+        icc = image.info.get("icc_profile") or b""
+    pixels = pixels.astype(np.float32) / np.float32(one)
+    return Photo(np.atleast_3d(pixels), icc, _codes(path))
+
+
+def read_size(path: Path) -> tuple[int, int]:
+    """(width, height) in pixels, from the file's header alone.
+
+    Raises:
+        UserError: as ``read``, as far as the header tells.
+    """
+    with _opened(path) as image:
+        return image.size
+
+
+def read_camera(path: Path) -> tuple[str, str, float]:
+    """Maker, model, and focal length for 35 mm film in mm, as EXIF states them; ""
+    and 0 where it does not."""
+    from PIL import Image
+
+    with _opened(path) as image:
+        tags = Image.Exif()
+        tags.load(image.info.get("exif") or b"")
+    maker, model = (str(tags.get(tag, "")) for tag in CAMERA_TAGS)
+    return maker, model, float(tags.get_ifd(EXIF_FOLDER).get(FOCAL_35MM_TAG, 0))
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """The photo, upright, which is decoded when its pixels are asked for."""
+    if not available():
+        raise UserError(
+            f"{path}: HEIC, HEIF and AVIF photos need the extra: run pip install -e "
+            "'.[heif]', or export them to JPEG"
+        )
+    import pillow_heif
+    from PIL import Image, ImageOps
+
+    try:
+        if _is_avif(path):
+            with Image.open(path) as image:
+                if getattr(image, "is_animated", False):
+                    raise UserError(f"{path}: a moving picture; save its frames")
+                yield ImageOps.exif_transpose(image)
+        else:
+            yield pillow_heif.open_heif(path, convert_hdr_to_8bit=False)
+    except (OSError, ValueError, SyntaxError, RuntimeError, EOFError) as error:
+        reason = " ".join(str(error).split())
+        raise UserError(
+            f"{path}: not a readable image ({reason}); expected a whole HEIC, HEIF or "
+            "AVIF: copy the file again or remove it from the scene"
+        ) from error
+
+
+def _is_avif(path: Path) -> bool:
+    with path.open("rb") as file:
+        return b"avi" in file.read(32)[8:]
+
+
+def _white(bits: int, dtype: np.dtype) -> int:
+    """The stored value of white: deep photos fill 16 bits from the top."""
+    return 255 if dtype == np.uint8 else (2**bits - 1) << (16 - bits)
+
+
+def _codes(path: Path) -> tuple[int, int]:
+    """Primaries and transfer that the header states."""
+    with path.open("rb") as file:
+        header = file.read(65536)
+    start = header.find(STATED)
+    if start < 0:
+        return 2, 2
+    return struct.unpack_from(">HH", header.ljust(65544), start + len(STATED))

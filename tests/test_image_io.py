@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A picture file is read right, or refused in one line that names it."""
+
+import struct
+import zlib
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+from PIL import Image
+
+from internal.errors import UserError
+from internal.files import color_profile, image_io
+from tests.icc_writer import rgb_profile
+
+RNG = np.random.default_rng(0)
+# Rows, columns and channels differ; its colours are as smooth as a photo's.
+LEVELS = RNG.random((40, 56, 1)) * 40 + np.arange(56)[:, None] * (3, 2, 1) + (0, 20, 40)
+LEVELS = LEVELS.astype(np.uint8)
+PICTURE = Image.fromarray(LEVELS)
+TURN = {2: 0, 3: 3, 4: 1, 5: 5, 6: 4, 7: 6, 8: 2}  # EXIF orientation: Pillow's name
+
+
+def saved(path, picture=PICTURE, **options):
+    picture.save(path, **options)
+    return path
+
+
+def exif(orientation: int) -> Image.Exif:
+    tags = Image.Exif()
+    tags[0x0112] = orientation
+    return tags
+
+
+WHOLE = {
+    "baseline.jpg": {"quality": 90},
+    "progressive.jpg": {"quality": 90, "progressive": True},
+    "a.png": {},
+    "a.webp": {},
+    "a.tif": {},
+    "a.bmp": {},
+    "a.ppm": {},
+    "a.jp2": {},
+    "a.avif": {},
+    "a.heic": {},
+}
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_a_file_cut_anywhere_is_unreadable(tmp_path, name):
+    if name == "a.heic":
+        pytest.importorskip("pillow_heif").register_heif_opener()
+    path = saved(tmp_path / name, **WHOLE[name])
+    whole = path.read_bytes()
+    assert image_io.read_srgb(path).shape == LEVELS.shape
+    size = len(whole)
+    for kept in (0, 1, size * 8 // 100, size // 2, size * 9 // 10, size * 99 // 100):
+        path.write_bytes(whole[:kept])
+        with pytest.raises(UserError, match=rf"{name}: not a readable image"):
+            image_io.read_srgb(path)
+    for end in (b"", bytes(2), bytes(size)):  # room taken for what never came
+        path.write_bytes(whole[:-2] + end)
+        if name.endswith(("jpg", "png")) or not end:
+            with pytest.raises(UserError, match="not a readable image"):
+                image_io.read_srgb(path)
+
+
+@pytest.mark.parametrize("name", ["baseline.jpg", "progressive.jpg"])
+def test_what_phones_put_behind_a_jpeg_does_no_harm(tmp_path, name):
+    path = saved(tmp_path / name, **WHOLE[name])
+    whole = path.read_bytes()
+    expected = image_io.read_srgb(path)
+    for behind in (bytes(4096), whole, b"\0\0\0\x18ftypmp42" + bytes(99), whole[:200]):
+        path.write_bytes(whole + behind)
+        np.testing.assert_array_equal(image_io.read_srgb(path), expected)
+
+
+@pytest.mark.parametrize("orientation", [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 300])
+def test_upright_is_what_viewers_show_and_stored_is_without_the_tag(
+    tmp_path, orientation
+):
+    path = saved(tmp_path / "a.png", exif=exif(orientation))
+    turn = TURN.get(orientation)
+    seen = PICTURE if turn is None else PICTURE.transpose(Image.Transpose(turn))
+    for upright, picture in ((True, seen), (False, PICTURE)):
+        read = image_io.read_srgb(path, upright=upright)
+        np.testing.assert_array_equal(np.round(read * 255), np.asarray(picture))
+        assert image_io.read_size(path, upright=upright) == picture.size
+
+
+@pytest.mark.parametrize(
+    ("mode", "name"),
+    [
+        *(("L", "a.jpg"), ("L", "a.png"), ("LA", "a.png"), ("RGBA", "a.png")),
+        *(("P", "a.png"), ("P", "a.tif"), ("1", "a.tif"), ("RGBA", "a.webp")),
+        *(("I;16", "a.png"), ("L", "a.avif"), ("RGBA", "a.avif"), ("RGB", "a.jfif")),
+        *(("RGB", "a.jpe"), ("RGB", "a.tga")),
+    ],
+)
+def test_kinds_of_pixels_are_read_and_sizes_agree(tmp_path, mode, name):
+    if mode == "I;16":
+        picture = Image.fromarray(LEVELS[..., 0].astype(np.uint16) * 257)
+        expected = np.repeat(LEVELS[..., :1], 3, axis=-1)
+    else:
+        picture = PICTURE.convert(mode)
+        rgba = np.asarray(picture.convert("RGBA")).astype(float)
+        expected = rgba[..., :3] * rgba[..., 3:] / 255.0
+    ending = {"jpe": "jpeg", "jfif": "jpeg"}.get(name[2:])
+    path = saved(tmp_path / name, picture, format=ending, quality=95)
+    read = image_io.read_srgb(path)
+    assert read.dtype == np.float32 and read.shape == LEVELS.shape
+    assert np.abs(read * 255.0 - expected).mean() < 4.0
+    assert image_io.read_size(path) == picture.size
+
+
+def test_alpha_uncovers_black(tmp_path):
+    covered = np.dstack([LEVELS, np.full(LEVELS.shape[:2], 51, np.uint8)])
+    read = image_io.read_srgb(saved(tmp_path / "a.png", Image.fromarray(covered)))
+    np.testing.assert_allclose(read * 255.0, LEVELS * 0.2, atol=1e-3)
+
+
+def test_sixteen_bits_stay(tmp_path):
+    values = np.linspace(0.0, 0.01, 60, dtype=np.float32).reshape(4, 5, 3)
+    image_io.write(tmp_path / "a.png", values, bits=16)
+    read = image_io.read_srgb(tmp_path / "a.png")
+    np.testing.assert_allclose(read, values, atol=0.5 / 65535)
+
+
+def test_a_name_with_the_wrong_ending_is_read_by_its_content(tmp_path):
+    pytest.importorskip("pillow_heif").register_heif_opener()
+    for content in ("heif", "avif", "webp", "png"):
+        path = saved(tmp_path / f"{content}.jpg", format=content, quality=95)
+        assert np.abs(image_io.read_srgb(path) * 255.0 - LEVELS).mean() < 6.0
+
+
+def oiio_file(path, values, **attributes):
+    buffer = oiio.ImageBuf(np.ascontiguousarray(values))
+    for key, value in attributes.items():
+        buffer.specmod()[key] = value
+    assert buffer.write(str(path))
+    return path
+
+
+def layered(path):
+    return saved(path, save_all=True, append_images=[PICTURE.rotate(180)])
+
+
+@pytest.mark.parametrize(
+    ("write", "name", "reason"),
+    [
+        (lambda p: saved(p, PICTURE.convert("CMYK")), "a.jpg", "colours for print"),
+        (lambda p: saved(p, PICTURE.convert("CMYK")), "a.tif", "colours for print"),
+        (lambda p: saved(p, Image.new("LAB", (9, 9))), "a.tif", "colours for print"),
+        (layered, "a.tif", "several pictures"),
+        (layered, "a.webp", "a moving picture"),
+        (layered, "a.avif", "a moving picture"),
+        (
+            lambda p: oiio_file(p, np.full((4, 4, 3), np.nan, np.float32)),
+            "a.exr",
+            "not numbers",
+        ),
+        (
+            lambda p: oiio_file(p, np.zeros((4, 4, 3), np.float32)),
+            "a.tif",
+            "floating point",
+        ),
+        (lambda p: p.mkdir(), "a.jpg", "image not found"),
+        (lambda p: p.symlink_to("gone.jpg"), "a.jpg", "image not found"),
+        (lambda p: p.write_text("<html>"), "a.jpg", "not a readable image"),
+        (
+            lambda p: saved(p, icc_profile=rgb_profile("ProPhoto")[:300]),
+            "a.jpg",
+            "profile is broken .* save it as sRGB",
+        ),
+    ],
+)
+def test_what_is_no_photo_is_refused_in_one_line(tmp_path, write, name, reason):
+    write(tmp_path / name)
+    with pytest.raises(UserError, match=rf"^\S*{name}: .*{reason}") as caught:
+        image_io.read_srgb(tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_smallest_picture_is_read(tmp_path):
+    path = saved(tmp_path / "a.png", Image.new("RGB", (1, 1), (255, 0, 0)))
+    np.testing.assert_array_equal(image_io.read_srgb(path), [[[1.0, 0.0, 0.0]]])
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif", "a.webp", "a.heic"])
+def test_profiles_are_applied_in_every_format(tmp_path, name):
+    if name == "a.heic":
+        pytest.importorskip("pillow_heif").register_heif_opener()
+    icc = rgb_profile("ProPhoto")
+    flat = Image.new("RGB", (32, 32), (120, 60, 40))
+    stored = image_io.read_srgb(saved(tmp_path / name, flat, quality=95))
+    read = image_io.read_srgb(saved(tmp_path / name, flat, quality=95, icc_profile=icc))
+    expected = color_profile.to_srgb(stored, color_profile.from_icc(icc, 3))
+    np.testing.assert_allclose(read, expected, atol=1e-6)
+    assert np.abs(read - stored).max() > 0.1
+    srgb = saved(tmp_path / name, flat, quality=95, icc_profile=rgb_profile("sRGB"))
+    np.testing.assert_array_equal(image_io.read_srgb(srgb), stored)
+
+
+def test_cameras_that_name_adobe_rgb_without_a_profile_mean_it(tmp_path):
+    path = saved(tmp_path / "a.jpg", quality=95)
+    stored, whole = image_io.read_srgb(path), path.read_bytes()
+    entry = b"\x01\0\x02\0\x04\0\0\0R03\0"
+    path.write_bytes(whole[:2] + b"\xff\xfe\0\x0e" + entry + whole[2:])
+    expected = color_profile.to_srgb(stored, color_profile.adobe_rgb())
+    np.testing.assert_allclose(image_io.read_srgb(path), expected, atol=1e-6)
+
+
+def test_exr_holds_light_in_the_primaries_that_it_states(tmp_path):
+    light = np.full((2, 2, 3), (0.2, 0.01, 2.0), np.float32)
+    path = oiio_file(tmp_path / "a.exr", light)
+    expected = color_profile.encode_srgb(light)
+    np.testing.assert_allclose(image_io.read_srgb(path), expected, atol=1e-4)
+    np.testing.assert_allclose(image_io.read_values(path), light)
+    buffer = oiio.ImageBuf(light)
+    p3 = (*color_profile.WIDE_PRIMARIES[12],)
+    buffer.specmod().attribute("chromaticities", oiio.TypeDesc("float[8]"), p3)
+    assert buffer.write(str(path))
+    red, green, _ = image_io.read_srgb(path)[0, 0]
+    assert red > expected[0, 0, 0] + 0.03 and green < expected[0, 0, 1] - 0.05
+
+
+@pytest.mark.parametrize(("signal", "light"), [(0.5806, 1.0), (0.3808, 26 / 203)])
+def test_a_photo_of_pq_in_ten_bits_is_brought_to_srgb(tmp_path, signal, light):
+    pillow_heif = pytest.importorskip("pillow_heif")
+    levels = np.full((16, 16, 3), round(signal * 1023) << 6, np.uint16)
+    photo = pillow_heif.from_bytes("RGB;16", (16, 16), levels.tobytes())
+    codes = {"color_primaries": 9, "transfer_characteristics": 16}
+    photo.save(tmp_path / "a.heic", quality=-1, matrix_coefficients=0, **codes)
+    read = image_io.read_srgb(tmp_path / "a.heic")
+    expected = color_profile.encode_srgb(np.full((16, 16, 3), light))
+    np.testing.assert_allclose(read, expected, atol=0.01)
+
+
+def png_with(path, name: bytes, content: bytes, **options):
+    """A flat PNG with a further chunk behind its header, which is 33 bytes long."""
+    whole = saved(path, Image.new("RGB", (4, 4), (148,) * 3), **options).read_bytes()
+    checksum = struct.pack(">I", zlib.crc32(name + content))
+    chunk = struct.pack(">I", len(content)) + name + content + checksum
+    path.write_bytes(whole[:33] + chunk + whole[33:])
+    return path
+
+
+def test_codes_of_hdr_in_a_png_count_more_than_its_profile(tmp_path):
+    options = {"icc_profile": rgb_profile("Display P3")}
+    path = png_with(tmp_path / "a.png", b"cICP", bytes((9, 16, 0, 1)), **options)
+    np.testing.assert_allclose(image_io.read_srgb(path), 1.0, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("stated", "power"), [(1.0, 1.0), (1 / 1.8, 1.8), (0.45455, 0)]
+)
+def test_the_gamma_of_a_png_is_applied_unless_it_stands_for_srgb(
+    tmp_path, stated, power
+):
+    content = struct.pack(">I", round(stated * 1e5))
+    path = png_with(tmp_path / "a.png", b"gAMA", content)
+    light = np.full((4, 4, 3), 148 / 255) ** power
+    expected = color_profile.encode_srgb(light) if power else 148 / 255
+    np.testing.assert_allclose(image_io.read_srgb(path), expected, atol=1e-3)
+
+
+def test_the_end_of_a_preview_is_not_the_end_of_its_photo(tmp_path):
+    preview = saved(tmp_path / "b.jpg", PICTURE.resize((14, 10))).read_bytes()
+    whole = saved(tmp_path / "a.jpg", quality=90).read_bytes()
+    segment = b"\xff\xe1" + (len(preview) + 2).to_bytes(2, "big") + preview
+    path = tmp_path / "a.jpg"
+    path.write_bytes(whole[:2] + segment + whole[2:])
+    assert image_io.read_srgb(path).shape == LEVELS.shape
+    path.write_bytes(whole[:2] + segment + whole[2 : len(whole) * 3 // 4] + bytes(9999))
+    with pytest.raises(UserError, match="not a readable image"):
+        image_io.read_srgb(path)
+
+
+def test_the_camera_of_a_heic_is_known(tmp_path):
+    pytest.importorskip("pillow_heif").register_heif_opener()
+    tags = Image.Exif()
+    tags[0x010F], tags[0x0110] = "Maker", "Phone 9"
+    tags.get_ifd(0x8769)[0xA405] = 26
+    found = image_io.read_exif(saved(tmp_path / "a.heic", exif=tags))
+    assert found == image_io.Exif("Maker Phone 9", 26.0)
+
+
+def test_without_the_extra_a_heic_says_what_to_install(tmp_path, monkeypatch):
+    pytest.importorskip("pillow_heif").register_heif_opener()
+    path = saved(tmp_path / "a.heic")
+    monkeypatch.setattr(image_io.heif, "available", lambda: False)
+    for read in (image_io.read_srgb, image_io.read_size):
+        with pytest.raises(UserError, match=r"a\.heic: HEIC.*'\.\[heif\]'"):
+            read(path)
