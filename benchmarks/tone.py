@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every part of the tone curve, left out or changed, on one trained field.
 
-python -m benchmarks.tone --gin_configs=... --gin_bindings=... (those of train.py)
+python -m benchmarks.tone --run outputs/SCENE
 
 The dark training views are metered (without truth), the dark test views developed and
 scored. The last rows choose with the truth of the training views, as no method may.
@@ -9,7 +9,6 @@ scored. The last rows choose with the truth of the training views, as no method 
 
 import dataclasses
 import functools
-import sys
 from collections.abc import Callable
 
 import jax
@@ -20,7 +19,7 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 
 from benchmarks import workload
-from internal import cli, losses, parallel, progress
+from internal import cli, flags, losses, parallel, progress
 from internal.color import from_uint16, linear_to_srgb, srgb_to_linear
 from internal.configs import Config
 from internal.enhancements.tone import MOST_SATURATION, response, saturate
@@ -70,7 +69,7 @@ VARIANTS = {
 
 
 def main() -> None:
-    config = cli.parse_config(str(__doc__), sys.argv[1:])
+    config = cli.start_trained(flags.trained(__doc__).parse_args())
     train, train_truth = dark_views(config, "train")
     test, truth = dark_views(config, "test")
     metered = np.concatenate([x[::STRIDE, ::STRIDE].reshape(-1, 3) for x in train])

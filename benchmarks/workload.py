@@ -19,8 +19,8 @@ from internal import cli, configs, parallel
 from internal.comparison.scored_run import train_and_score
 from internal.configs import Config
 from internal.models import Model
+from internal.pages import tables
 from internal.pages.pages import Table
-from internal.scoring import evaluation
 from internal.training import sampler
 from internal.training.step import TrainState, initial_state, make_train_step
 
@@ -102,7 +102,7 @@ def peak_memory() -> float:
 def markdown(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """A Markdown table."""
     texts = tuple(tuple(map(str, row)) for row in rows)
-    return evaluation.as_text(Table("", "", tuple(headers), texts))
+    return tables.as_text(Table("", "", tuple(headers), texts))
 
 
 def score_cells(mean: Mapping[str, Mapping[str, float]]) -> list[str]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of numbers as files: CSV and LaTeX; Markdown is ``evaluation.as_text``."""
+"""Tables of numbers as text: Markdown, CSV and LaTeX."""
 
 import csv
 from collections.abc import Sequence
@@ -13,6 +13,12 @@ LATEX_SPECIALS = str.maketrans(
     {c: f"\\{c}" for c in "&%$#_{}"}
     | {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}"}
 )
+
+
+def as_text(table: Table) -> str:
+    """A table in Markdown."""
+    lines = [table.headers, tuple("---" for _ in table.headers), *table.rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def write_csv(path: Path, rows: Sequence[Sequence[str]]) -> None:

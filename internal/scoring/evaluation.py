@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from internal import color
 from internal.models import LitRendering, Rendering
+from internal.pages import tables
 from internal.pages.pages import Table
 from internal.scoring import baselines, metrics
 
@@ -114,13 +115,7 @@ def score_table(scores: Scores, heading: str) -> Table:
 def read_table(metrics_json: Path) -> str:
     """The mean scores of a ``metrics.json`` in Markdown."""
     mean = json.loads(metrics_json.read_text())["mean"]
-    return as_text(score_table(mean, ""))
-
-
-def as_text(table: Table) -> str:
-    """A table in Markdown."""
-    lines = [table.headers, tuple("---" for _ in table.headers), *table.rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return tables.as_text(score_table(mean, ""))
 
 
 def _enhanced_first(item: tuple[str, dict[str, float]]) -> int:
