@@ -242,10 +242,11 @@ class RunLog:
             folder = Path(self._unread.name)
         _drop_after(folder, start_step)
         self._began = time.monotonic() - training_seconds(folder)
-        self._file = (folder / LOG).open("a")
-        self._board = SummaryWriter(
-            str(folder / "tensorboard"), purge_step=start_step + 1
-        )
+        with atomic.naming(folder):
+            self._file = (folder / LOG).open("a")
+            self._board = SummaryWriter(
+                str(folder / "tensorboard"), purge_step=start_step + 1
+            )
 
     def scalars(self, step: int, values: dict[str, float]) -> None:
         """One line of numbers for ``step``."""
