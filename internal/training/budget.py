@@ -11,6 +11,7 @@ import dataclasses
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -41,7 +42,7 @@ class StepTimes:
 def fit(
     config: Config,
     own: Config | None,
-    log: Sequence[Mapping[str, float]],
+    log: Sequence[Mapping[str, Any]],
     measure_steps: Callable[[], StepTimes],
 ) -> Config:
     """The configuration whose schedule fills ``Config.max_minutes`` of training.
@@ -90,7 +91,7 @@ def with_schedule(config: Config, own: Config) -> Config:
     )
 
 
-def _go_on(config: Config, own: Config, log: Sequence[Mapping[str, float]]) -> Config:
+def _go_on(config: Config, own: Config, log: Sequence[Mapping[str, Any]]) -> Config:
     """The schedule of a run that was given minutes and goes on."""
     kept = with_schedule(config, own)
     steps = own.train.max_steps
