@@ -95,7 +95,7 @@ def test_an_unwritable_checkpoint_dir_is_named(tmp_path):
 
 
 def test_a_full_disk_is_one_line_and_leaves_no_part(tmp_path, monkeypatch):
-    def full(*_):
+    def full(*_, **__):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_text", full)
