@@ -18,10 +18,11 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from internal import cli
+from internal import script
 from internal.comparison import figures, jobs, page, tables
 from internal.comparison.jobs import Job
 from internal.comparison.methods import methods_for, read_methods
+from internal.flags import add_bindings
 
 LISTS = Path(__file__).parent / "configs" / "methods"
 
@@ -46,7 +47,7 @@ def main(argv: Sequence[str]) -> int:
         print(f"== {index + 1} of {len(todo)}, {left}: {job}", flush=True)
         began = time.monotonic()
         code = jobs.do(flags.out, job, flags.gin_bindings)
-        if code == cli.FAILURE_EXIT:
+        if code == script.FAILURE_EXIT:
             failed.append(str(job))
         elif code:
             print(f"stopped at {job}; the same command goes on", file=sys.stderr)
@@ -68,7 +69,7 @@ def main(argv: Sequence[str]) -> int:
     print(page.write_page(flags.out, results, drawn))
     if failed:
         print(f"error: no rows of: {'; '.join(failed)}", file=sys.stderr)
-    return cli.FAILURE_EXIT if failed else 0
+    return script.FAILURE_EXIT if failed else 0
 
 
 def time_left(seconds: Mapping[bool, Sequence[float]], rest: Sequence[Job]) -> str:
@@ -91,9 +92,9 @@ def _parser() -> argparse.ArgumentParser:
         default=[LISTS / "photos.toml", LISTS / "models.toml"],
         help="lists of methods; photos.toml and models.toml of configs/methods if none",
     )  # fmt: skip
-    cli.add_bindings_flag(parser)
+    add_bindings(parser)
     return parser
 
 
 if __name__ == "__main__":
-    cli.run_script(main)
+    script.run(main)

@@ -4,36 +4,31 @@
 ``make demo`` runs it. It calls the same scripts a user calls and prints each command.
 """
 
-import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from internal import cli
+from internal import script
 from internal.files import image_io
 from internal.pages import contact_sheet, tables
 from internal.scoring.baselines import gain_to_mean
 
 SCENE = Path("scenes/night")
 RUN = Path("outputs/demo")
-FLAGS = (
-    "--gin_configs=configs/demo.gin",
-    f"--gin_bindings=Config.data_dir = '{SCENE}'",
-    f"--gin_bindings=Config.checkpoint_dir = '{RUN}'",
-)
+OF_RUN = f"--run={RUN}"
 
 
 def main(argv: Sequence[str]) -> int:
     """Runs the four commands, then puts the pictures side by side."""
     commands = [
         ("make_scene.py", "night", str(SCENE)),
-        ("train.py", *FLAGS),
-        ("eval.py", *FLAGS),
-        ("render.py", *FLAGS),
+        ("train.py", "--gin_configs=configs/demo.gin", f"--scene={SCENE}", OF_RUN),
+        ("eval.py", OF_RUN),
+        ("render.py", OF_RUN),
     ]
     for command in commands:
-        print(f"\n$ python {shlex.join(command)}", flush=True)
+        print(f"\n$ {script.command(*command)}", flush=True)
         code = subprocess.run([sys.executable, *command]).returncode
         if code:
             return code
@@ -62,4 +57,4 @@ def main(argv: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    cli.run_script(main)
+    script.run(main)

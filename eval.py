@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Renders and scores the test views of a trained model.
 
-python eval.py with the flags of train.py writes CHECKPOINT_DIR/eval: pictures in a
-folder per output (enhanced/, dark/, v/, ...), metrics.json and index.html.
+python eval.py --run outputs/night
+
+Writes the folder eval/ of the run: pictures in a folder per output (enhanced/, dark/,
+v/, ...), metrics.json and index.html.
 """
 
-if __name__ == "__main__":  # before the imports: they would happen twice
-    from internal import process
+from internal import flags, script
 
-    process.restart_tuned()
+if __name__ == "__main__":  # before the imports below, which take seconds
+    script.begin(flags.trained(__doc__))
 
 import json
 from collections.abc import Sequence
@@ -18,7 +20,7 @@ import jax
 
 from internal import cli, parallel, progress
 from internal.color import from_uint16
-from internal.files import image_io
+from internal.files import atomic, image_io
 from internal.files.listing import flat_pngs
 from internal.pages import pages, report, tables
 from internal.rendering.pictures import display_for, outputs_of, pictures
@@ -30,10 +32,11 @@ from internal.training.checkpoints import load_trained
 
 def main(argv: Sequence[str]) -> int:
     """Evaluates the newest checkpoint."""
-    config = cli.parse_config("Render and score the test views.", argv)
+    config = cli.start_trained(flags.trained(__doc__).parse_args(argv))
     mesh = parallel.data_mesh(jax.device_count())
     model, state = load_trained(config, mesh)
     scene = cli.load_split(config, "test")
+    run_folder.check_scene(Path(config.checkpoint_dir), scene.identity)
     renderer = Renderer(model, scene.cameras, scene.space, mesh, config.render.chunk)
     folder = Path(config.checkpoint_dir) / "eval"
 
@@ -64,13 +67,13 @@ def main(argv: Sequence[str]) -> int:
             shown["truth"] = truth
         for output, picture in shown.items():
             path = Path(output) / files[index]
-            run_folder.make_folder(folder / output)
+            atomic.ensure_folder(folder / output)
             image_io.write(folder / path, picture)
             written.setdefault(output, []).append((path.as_posix(), name))
 
     mean = evaluation.mean_scores(views)
     result = {"step": int(state.step), "views": views, "mean": mean}
-    run_folder.write_text(folder / "metrics.json", json.dumps(result, indent=2) + "\n")
+    atomic.write_text(folder / "metrics.json", json.dumps(result, indent=2) + "\n")
     table = tables.score_table(mean, "Scores, mean over test views")
     pages.write_index(
         folder,
@@ -93,4 +96,4 @@ def main(argv: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    cli.run_script(main)
+    script.run(main)

@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Takes a trained, lit scene into other tools: points, mesh, pictures with cameras.
 
-python export.py with the flags of train.py writes CHECKPOINT_DIR/export: points.ply
-(with normals), mesh.ply and mesh.glb (with colours), and dataset/, a scene of lit
-pictures that NeRF and splatting tools train on. The light is that of render.py.
+python export.py --run outputs/night
+
+Writes the folder export/ of the run: points.ply (with normals), mesh.ply and mesh.glb
+(with colours), and dataset/, a scene of lit pictures that NeRF and splatting tools
+train on. The light is that of render.py.
 """
 
-if __name__ == "__main__":  # before the imports: they would happen twice
-    from internal import process
+from internal import flags, script
 
-    process.restart_tuned()
+if __name__ == "__main__":  # before the imports below, which take seconds
+    script.begin(flags.export(__doc__))
 
-import argparse
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,32 +26,28 @@ from internal.export.density import make_density
 from internal.files import made_folder
 from internal.pages import pages
 from internal.rendering.renderer import Renderer
+from internal.training import run_folder
 from internal.training.checkpoints import load_trained
 
 
 def main(argv: Sequence[str]) -> int:
     """Exports the newest checkpoint, unless that was done with the same settings."""
-    parser = argparse.ArgumentParser(description="Export a trained scene.")
-    wanted = export_folder.Wanted()
-    parser.add_argument(
-        "--points", type=int, default=wanted.points, help="of the cloud, about"
-    )
-    parser.add_argument(
-        "--resolution", type=int, default=wanted.resolution,
-        help="cells along the mesh's longest side",
-    )  # fmt: skip
-    parser.add_argument(
-        "--overwrite", action="store_true", help="replace an export made before"
-    )
-    config, flags = cli.parse_flags(parser, argv)
+    args = flags.export(__doc__).parse_args(argv)
     shapes.check_available()
+    config = cli.start_trained(args)
     edit = config.render.edit()
-    wanted = export_folder.Wanted(flags.points, flags.resolution)
+    wanted = export_folder.Wanted(
+        **{name: value for name in ("points", "resolution")
+           if (value := getattr(args, name))}
+    )  # fmt: skip
     mesh = parallel.data_mesh(jax.device_count())
     model, state = load_trained(config, mesh)
-    scene = export_folder.undistorted(cli.load_split(config, "train"))
+    run = Path(config.checkpoint_dir)
+    photographed = cli.load_split(config, "train")
+    run_folder.check_scene(run, photographed.identity, scored=False)
+    scene = export_folder.undistorted(photographed)
     renderer = Renderer(model, scene.cameras, scene.space, mesh, config.render.chunk)
-    density = make_density(model, state.params, footprint=1.0 / flags.resolution)
+    density = make_density(model, state.params, footprint=1.0 / wanted.resolution)
 
     def fill(folder: Path) -> made_folder.Facts:
         sightings = export_folder.look_around(
@@ -73,17 +70,17 @@ def main(argv: Sequence[str]) -> int:
         )
         return facts
 
-    folder = Path(config.checkpoint_dir) / "export"
+    folder = run / "export"
     settings = {
         "step": int(state.step),
         **dataclasses.asdict(config.render.light()),
         **dataclasses.asdict(wanted),
     }
-    facts = made_folder.make_folder(folder, settings, fill, overwrite=flags.overwrite)
+    facts = made_folder.make_folder(folder, settings, fill, overwrite=args.overwrite)
     for file, content in export_folder.describe(facts):
         print(f"{folder / file}: {content}")
     return 0
 
 
 if __name__ == "__main__":
-    cli.run_script(main)
+    script.run(main)

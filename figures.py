@@ -13,7 +13,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from internal import cli
+from internal import script
 from internal.comparison import figures, jobs, tables
 from internal.errors import UserError
 from internal.pages.figure import FRAME_COLORS, Crop
@@ -23,7 +23,7 @@ def main(argv: Sequence[str]) -> int:
     """Writes the figures of one scene, or of all."""
     flags = _parser().parse_args(argv)
     scenes = jobs.scenes_of(flags.out)
-    results = tables.read_results(flags.out)
+    results = tables.read_tables(flags.out)
     if len(flags.crop) > len(FRAME_COLORS):
         raise UserError(
             f"--crop: {len(flags.crop)} of them; at most {len(FRAME_COLORS)}"
@@ -73,4 +73,4 @@ def _parser() -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
-    cli.run_script(main)
+    script.run(main)

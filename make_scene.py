@@ -5,11 +5,14 @@ python make_scene.py night OUT
 python make_scene.py darken DATA_DIR OUT --images images_8
 """
 
-import argparse
-from collections.abc import Sequence
-from pathlib import Path
+from internal import flags, script
 
-from internal.cli import run_script
+if __name__ == "__main__":  # before the imports below, which take seconds
+    script.begin(flags.make_scene(__doc__), computes=False)
+
+import dataclasses
+from collections.abc import Sequence
+
 from internal.night.capture import CaptureModel
 from internal.night.darken import darken
 from internal.night.dataset import write_scene
@@ -17,14 +20,13 @@ from internal.night.dataset import write_scene
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parses the command line, makes the scene and says what was made."""
-    args = _parser().parse_args(argv)
-    model = CaptureModel(
-        exposure=args.exposure,
-        full_well=args.full_well,
-        read_noise=args.read_noise,
-        channel_gains=tuple(args.gains),
-        seed=args.seed,
-    )
+    args = flags.make_scene(__doc__).parse_args(argv)
+    given = {
+        field.name: getattr(args, field.name)
+        for field in dataclasses.fields(CaptureModel)
+        if field.name in args
+    }
+    model = CaptureModel(**given)
     if args.command == "night":
         facts = write_scene(
             args.out, model,
@@ -43,45 +45,5 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    commands = parser.add_subparsers(dest="command", required=True)
-    night = commands.add_parser("night", help="a synthetic still life, rendered")
-    night.add_argument("--views", type=int, default=30)
-    night.add_argument("--width", type=int, default=160, help="pixels")
-    night.add_argument("--height", type=int, default=120, help="pixels")
-    dark = commands.add_parser("darken", help="a normal-light dataset, darkened")
-    dark.add_argument("data_dir", type=Path, help="dataset with its pose files")
-    dark.add_argument("--images", default="", help="folder of its pictures to take")
-    for command in (night, dark):
-        _add_capture_arguments(command)
-    return parser
-
-
-def _add_capture_arguments(parser: argparse.ArgumentParser) -> None:
-    default = CaptureModel()
-    parser.add_argument("out", type=Path, help="folder to make")
-    parser.add_argument(
-        "--exposure", type=float, default=default.exposure, help="1 is normal light"
-    )
-    parser.add_argument(
-        "--full-well", type=float, default=default.full_well,
-        help="photo-electrons at white, fewer are noisier; inf for no noise",
-    )  # fmt: skip
-    parser.add_argument(
-        "--read-noise", type=float, default=default.read_noise, help="electrons"
-    )
-    parser.add_argument(
-        "--gains", type=float, nargs=3, default=default.channel_gains,
-        metavar=("R", "G", "B"), help="colour cast",
-    )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=default.seed, help="of the noise")
-    parser.add_argument(
-        "--overwrite", action="store_true", help="replace a scene made before"
-    )
-
-
 if __name__ == "__main__":
-    run_script(main)
+    script.run(main)

@@ -12,11 +12,13 @@ or checked with those of another scene of the same photos.
 Exit code 0: fit to train; 1: not fit; 2: unusable input.
 """
 
-import argparse
-from collections.abc import Sequence
-from pathlib import Path
+from internal import flags, script
 
-from internal.cli import run_script
+if __name__ == "__main__":  # before the imports below, which take seconds
+    script.begin(flags.prepare(__doc__), computes=False)
+
+from collections.abc import Sequence
+
 from internal.errors import UserError
 from internal.prepare import report
 from internal.prepare.checking import check_scene
@@ -28,7 +30,9 @@ NOT_FIT = 1
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Prepares or checks a scene and says what was found."""
-    args = _parse(argv)
+    args = flags.prepare(__doc__).parse_args(argv)
+    if bool(args.check) == bool(args.photos and args.scene):
+        raise UserError("give PHOTOS and SCENE, or --check SCENE; see --help")
     if args.check:
         folder = args.report or args.check / report.FOLDER
         made = check_scene(args.check, folder)
@@ -44,33 +48,5 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0 if made.fit else NOT_FIT
 
 
-def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("photos", type=Path, nargs="?", help="folder or video")
-    parser.add_argument("scene", type=Path, nargs="?", help="folder to make")
-    parser.add_argument(
-        "--pose-images", type=Path, help="bright twins of the photos, used for poses"
-    )
-    parser.add_argument(
-        "--gt", type=Path, help="normal-light twins of the photos, for scores"
-    )
-    parser.add_argument(
-        "--overwrite", action="store_true", help="start again over a scene made before"
-    )
-    parser.add_argument("--check", type=Path, metavar="SCENE", help="check a scene")
-    parser.add_argument(
-        "--reference", type=Path, help="scene of the same photos to compare poses with"
-    )
-    parser.add_argument(
-        "--report", type=Path, help="with --check: folder for the page (SCENE/report)"
-    )
-    args = parser.parse_args(argv)
-    if bool(args.check) == bool(args.photos and args.scene):
-        raise UserError("give PHOTOS and SCENE, or --check SCENE; see --help")
-    return args
-
-
 if __name__ == "__main__":
-    run_script(main)
+    script.run(main)

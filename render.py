@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Renders a camera path of a trained model to videos, under any light edit.
 
-python render.py with the flags of train.py writes CHECKPOINT_DIR/render/PATH. The
-path and the light are bindings: "Render.path = 'spiral'" (ellipse, views, or a JSON
-file), "Render.exposure = 0.5" (stops), "Render.temperature = 4000.0" (kelvin),
+python render.py --run outputs/night --gin_bindings="Render.exposure = 0.5"
+
+Writes the folder render/PATH of the run. The path and the light are bindings:
+"Render.path = 'spiral'" (ellipse, views, or a JSON file), "Render.exposure = 0.5"
+(stops), "Render.temperature = 4000.0" (kelvin),
 "Render.strength = 0.7" (0 dark, 1 enhanced), "Render.tint = 0.3" (stops of magenta),
 "Render.contrast = 1.2". Run again, it renders what is missing.
 """
 
-if __name__ == "__main__":  # before the imports: they would happen twice
-    from internal import process
+from internal import flags, script
 
-    process.restart_tuned()
+if __name__ == "__main__":  # before the imports below, which take seconds
+    script.begin(flags.trained(__doc__))
 
+import contextlib
 import dataclasses
 import hashlib
 import json
@@ -24,7 +27,7 @@ import numpy as np
 
 from internal import cli, color, parallel, progress
 from internal.cameras import Cameras
-from internal.files import image_io, video
+from internal.files import atomic, image_io, video
 from internal.pages import pages
 from internal.rendering.pictures import display_for, outputs_of, pictures
 from internal.rendering.renderer import Renderer
@@ -38,12 +41,14 @@ OUTPUTS = ("enhanced", "dark", "v", "r", "depth")
 
 def main(argv: Sequence[str]) -> int:
     """Renders the frames that are missing, then the videos."""
-    config = cli.parse_config("Render a camera path.", argv)
+    config = cli.start_trained(flags.trained(__doc__).parse_args(argv))
     render = config.render
     edit = render.edit()
     mesh = parallel.data_mesh(jax.device_count())
     model, state = load_trained(config, mesh)
     scene = cli.load_split(config, "train")
+    run = Path(config.checkpoint_dir)
+    run_folder.check_scene(run, scene.identity, scored=False)
     cameras = path_cameras(scene, render)
     renderer = Renderer(model, cameras, scene.space, mesh, render.chunk)
     first_view = scene.cameras.take(np.array([0]))
@@ -51,11 +56,11 @@ def main(argv: Sequence[str]) -> int:
 
     light = dataclasses.asdict(render.light())
     settings = {"step": int(state.step), "path": fingerprint(cameras), **light}
-    folder = Path(config.checkpoint_dir) / "render" / Path(render.path).stem
+    folder = run / "render" / Path(render.path).stem
     explained = outputs_of(config.model)
     outputs = [name for name in OUTPUTS if name in explained]
     for output in outputs:
-        run_folder.make_folder(folder / output)
+        atomic.ensure_folder(folder / output)
     forget_other_frames(folder, settings)
 
     frames = range(len(cameras))
@@ -97,12 +102,15 @@ def fingerprint(cameras: Cameras) -> str:
 def forget_other_frames(folder: Path, settings: dict[str, float | str]) -> None:
     """Removes frames of an earlier run with other settings; keeps those of this."""
     record = folder / "settings.json"
-    if record.is_file() and json.loads(record.read_text()) != settings:
+    with contextlib.suppress(FileNotFoundError, ValueError):  # none, or cut short
+        if json.loads(record.read_text()) == settings:
+            return
+    if record.is_file():
         print(f"{folder}: rendered with other settings before, rendering anew")
         for frame in folder.glob("*/[0-9][0-9][0-9][0-9].png"):
             frame.unlink()
-    run_folder.write_text(record, json.dumps(settings, indent=2) + "\n")
+    atomic.write_text(record, json.dumps(settings, indent=2) + "\n")
 
 
 if __name__ == "__main__":
-    cli.run_script(main)
+    script.run(main)

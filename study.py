@@ -9,37 +9,27 @@ or any web server; participants download a CSV from it. ``chart`` turns the CSVs
 into the paper's bar chart, as OUT/index.html and OUT/preferences.csv.
 """
 
+from internal import flags, script
+
+if __name__ == "__main__":  # before the imports below, which take seconds
+    script.begin(flags.study(__doc__), computes=False)
+
 import argparse
 import csv
 import dataclasses
 import io
 from collections.abc import Sequence
-from pathlib import Path
 
-from internal.cli import run_script
-from internal.files import made_folder
+from internal.errors import UserError
+from internal.files import atomic, made_folder
 from internal.pages import charts, pages, tables
 from internal.study.answers import Preference, preferences, read_answers
 from internal.study.page import parse_method, write_study
-from internal.training import run_folder
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Makes the page, or the chart of its answers."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    commands = parser.add_subparsers(dest="command", required=True)
-    make = commands.add_parser("make", help="a page that shows pairs of pictures")
-    make.add_argument("out", type=Path, help="folder to make")
-    make.add_argument("methods", nargs="+", metavar="NAME=FOLDER")
-    make.add_argument("--views", type=int, default=10, help="at random; 0: all")
-    make.add_argument("--seed", type=int, default=0, help="of the choice of views")
-    make.add_argument("--overwrite", action="store_true")
-    chart = commands.add_parser("chart", help="the bar chart of downloaded answers")
-    chart.add_argument("out", type=Path, help="folder to write to")
-    chart.add_argument("answers", nargs="+", type=Path, metavar="CSV")
-    args = parser.parse_args(argv)
+    args = flags.study(__doc__).parse_args(argv)
     return _make(args) if args.command == "make" else _chart(args)
 
 
@@ -59,17 +49,23 @@ def _make(args: argparse.Namespace) -> int:
 
 
 def _chart(args: argparse.Namespace) -> int:
+    page, numbers = args.out / "index.html", args.out / "preferences.csv"
+    if page.exists() and not numbers.exists():
+        raise UserError(
+            f"{page}: not a chart of answers, so it is not written over; choose "
+            "another folder"
+        )
     answers = read_answers(args.answers)
     results = preferences(answers)
     svg = charts.preferences(answers[0].a, results)
     table = _table(results)
-    run_folder.make_folder(args.out)
+    atomic.ensure_folder(args.out)
     text = io.StringIO()
     writer = csv.DictWriter(text, [f.name for f in dataclasses.fields(Preference)])
     writer.writeheader()
     writer.writerows(dataclasses.asdict(result) for result in results)
-    run_folder.write_text(args.out / "preferences.csv", text.getvalue())
-    page = pages.write_index(
+    atomic.write_text(numbers, text.getvalue())
+    pages.write_index(
         args.out,
         f"User study: {answers[0].a}",
         "Which of two pictures of the same view is better (paper, Fig. 8).",
@@ -102,4 +98,4 @@ def _table(results: Sequence[Preference]) -> pages.Table:
 
 
 if __name__ == "__main__":
-    run_script(main)
+    script.run(main)

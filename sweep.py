@@ -1,63 +1,93 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trains and scores variants of a configuration on one scene, and compares them.
 
-python sweep.py FLAGS OF train.py --variants configs/ablations/*.gin \
-    "gray=0.2: Gamma.gray = 0.2"
+python sweep.py --gin_configs=configs/llnerf_fast.gin --scene my_scene \
+    --run outputs/ablation --variants configs/ablations/*.gin "a: Model.deg_view = 3"
 
 A variant is a gin file, or a label, a colon and bindings with ; between them. Each
-runs in CHECKPOINT_DIR/NAME on top of the flags; the flags alone are the variant
-"full". Writes index.html, table.md, table.csv and sheet.png. Run again, it does what
-is missing.
+trains in a folder of its name in that of --run, on top of the flags; the flags alone
+are the variant "full". Writes index.html, table.md, table.csv and sheet.png. Run again,
+it does what is missing.
 """
 
-import argparse
-import json
+from internal import flags, script
+
+if __name__ == "__main__":  # before the imports below, which take seconds
+    script.begin(flags.sweep(__doc__), computes=False)
+
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-from internal import cli, configs
+from internal import configs
 from internal.comparison.scored_run import train_and_score
+from internal.configs import Config
 from internal.errors import UserError
-from internal.files import image_io
+from internal.files import atomic, image_io
 from internal.files.listing import flat_pngs
 from internal.pages import contact_sheet, pages, report, tables
 from internal.pages.pages import Table
-from internal.pages.tables import write_csv
 from internal.scoring import evaluation
-from internal.training import run_folder
 
+Settings = tuple[list[str], list[str]]  # gin files, then bindings
 PICTURES = ("input", "enhanced", "v", "r", "truth")
 
 
 def main(argv: Sequence[str]) -> int:
     """Runs what is missing, then writes the table and the sheet."""
-    parser = argparse.ArgumentParser(description="Compare variants on a scene.")
-    cli.add_gin_flags(parser)
-    parser.add_argument("--variants", nargs="*", default=[], metavar="VARIANT")
-    flags = parser.parse_args(argv)
-    folder = Path(
-        configs.load_config(flags.gin_configs, flags.gin_bindings).checkpoint_dir
-    )
-    variants = {"full": ([], [])} | dict(map(parse_variant, flags.variants))
-    for index, (name, (files, bindings)) in enumerate(variants.items()):
+    args = flags.sweep(__doc__).parse_args(argv)
+    named = configs.bound("Config.checkpoint_dir", args.gin_configs, args.gin_bindings)
+    if not named:
+        raise UserError("no folder for the results is named; give one: --run outputs/x")
+    folder = Path(named)
+    variants = [
+        (name, ([*args.gin_configs, *files], [*args.gin_bindings, *bindings]))
+        for name, (files, bindings) in [
+            ("full", ([], [])), *map(parse_variant, args.variants)
+        ]
+    ]  # fmt: skip
+    check_variants(variants)
+    for index, (name, (files, bindings)) in enumerate(variants):
         print(f"== variant {index + 1} of {len(variants)}: {name}", flush=True)
-        code = train_and_score(
-            folder / name,
-            [*flags.gin_configs, *files],
-            [*flags.gin_bindings, *bindings],
-        )
+        code = train_and_score(folder / name, files, bindings)
         if code:
             return code
-    write_comparison(folder, list(variants))
+    write_comparison(folder, [name for name, _ in variants])
     return 0
 
 
-def parse_variant(text: str) -> tuple[str, tuple[list[str], list[str]]]:
+def check_variants(variants: Sequence[tuple[str, Settings]]) -> None:
+    """Refuses, before the first training, what would fail or be trained twice.
+
+    Raises:
+        UserError: a variant's settings are wrong, or two have one name or the same
+            settings.
+    """
+    seen: dict[Config, str] = {}
+    names: set[str] = set()
+    for name, (files, bindings) in variants:
+        if name in names:
+            raise UserError(f"variant {name!r}: two are called so; rename one")
+        names.add(name)
+        try:
+            config = configs.load_config(files, bindings)
+        except UserError as error:
+            raise UserError(f"variant {name!r}: {error}") from error
+        config = dataclasses.replace(config, checkpoint_dir="")
+        twin = seen.setdefault(config, name)
+        if twin != name:
+            raise UserError(
+                f"variant {name!r}: its settings are those of {twin!r}, so both would "
+                "train the same; take one of them out"
+            )
+
+
+def parse_variant(text: str) -> tuple[str, Settings]:
     """(name, (gin files, bindings)) of a variant in the command's words."""
     if text.endswith(".gin"):
         return Path(text).stem, ([text], [])
     name, colon, bindings = text.partition(":")
-    if not colon or "/" in name:
+    if not colon or "/" in name or name.strip() in ("", ".", ".."):
         raise UserError(
             f"variant {text!r}: expected a .gin file or 'NAME: BINDING; BINDING'"
         )
@@ -67,7 +97,7 @@ def parse_variant(text: str) -> tuple[str, tuple[list[str], list[str]]]:
 def write_comparison(folder: Path, names: list[str]) -> None:
     """Writes table.md, table.csv (mean scores) and sheet.png (the first test view)."""
     results = {
-        name: json.loads((folder / name / "eval" / "metrics.json").read_text())
+        name: atomic.read_json(folder / name / "eval" / "metrics.json", "eval.py")
         for name in names
     }
     scores = {name: result["mean"] for name, result in results.items()}
@@ -89,8 +119,8 @@ def write_comparison(folder: Path, names: list[str]) -> None:
         for name, row in scores.items()
     )
     table = tables.as_text(Table("", "", headers, rows))
-    run_folder.write_text(folder / "table.md", table + "\n")
-    write_csv(folder / "table.csv", [headers, *rows])
+    atomic.write_text(folder / "table.md", table + "\n")
+    tables.write_csv(folder / "table.csv", [headers, *rows])
 
     view = flat_pngs(list(results[names[0]]["views"]))[0]
     files = [[folder / n / "eval" / p / view for p in PICTURES] for n in names]
@@ -133,4 +163,4 @@ def write_page(folder: Path, names: list[str], scores: Table) -> Path:
 
 
 if __name__ == "__main__":
-    cli.run_script(main)
+    script.run(main)

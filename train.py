@@ -2,46 +2,56 @@
 """Trains a model on a scene of dark photos.
 
 python train.py --gin_configs=configs/llnerf_best.gin \
-    --gin_bindings="Config.data_dir = 'scenes/night'" \
-    --gin_bindings="Config.checkpoint_dir = 'outputs/night'"
+    --scene scenes/night --run outputs/night
 
-Several processes or hosts: the same command on each, with --coordinator,
---num_processes and --process_id.
+The same command goes on where an earlier one stopped. Several processes or hosts: the
+same command on each, with --coordinator, --num_processes and --process_id.
 """
 
-if __name__ == "__main__":  # before the imports: they would happen twice
-    from internal import process
+from internal import flags, script
 
-    process.restart_tuned()
+if __name__ == "__main__":  # before the imports below, which take seconds
+    script.begin(flags.train(__doc__))
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import jax
 
 from internal import cli, parallel, progress
+from internal.configs import Config
 from internal.models import Model
 from internal.scene import noise
-from internal.training import budget
+from internal.scene.scene import Scene
+from internal.training import budget, run_folder
 from internal.training.checkpoints import Checkpoints
 from internal.training.preview import Preview
-from internal.training.run_folder import RunLog, open_run
+from internal.training.run_folder import RunLog
 from internal.training.sampler import neighbors_of
 from internal.training.step import check_finite, compiled_step, initial_state, summarize
 
 
 def main(argv: Sequence[str]) -> int:
     """Trains until ``Train.max_steps`` or a signal; resumes what it finds."""
-    config = cli.parse_parallel_config("Train on a scene of dark photos.", argv)
-
-    # The scene, and a schedule that fits the time there is.
+    config = cli.start_training(flags.train(__doc__).parse_args(argv))
     scene = cli.load_split(config, "train")
+    with run_folder.claimed(config) as folder:
+        return train(config, scene, folder)
+
+
+def train(config: Config, scene: Scene, folder: Path) -> int:
+    """Trains in a run folder that nobody else uses; the exit code."""
+    # A schedule that fits the time there is.
     mesh = parallel.data_mesh(config.train.batch_size)
     model = Model(config.model)
-    config = budget.fit(config, lambda: budget.measure(config, scene, model, mesh))
+    own, log = run_folder.own_config(folder), run_folder.read_log(folder)
+    config = budget.fit(
+        config, own, log, lambda: budget.measure(config, scene, model, mesh)
+    )
     train = config.train
 
     # The state, where an earlier run left it or new.
-    folder = open_run(config)
+    run_folder.open_run(config, scene.identity)
     checkpoints = Checkpoints(folder, train.checkpoints_kept)
     if checkpoints.latest_step() is None:
         state = parallel.replicate(initial_state(config, model), mesh)
@@ -59,7 +69,7 @@ def main(argv: Sequence[str]) -> int:
     rays = train.batch_size * (neighbors_of(config) + 1)
     stats = None
     with (
-        cli.Interruption() as interruption,
+        script.Interruption() as interruption,
         checkpoints,
         RunLog(folder, start) as log,
         progress.bar(train.max_steps, "training", "step", initial=start) as bar,
@@ -83,8 +93,10 @@ def main(argv: Sequence[str]) -> int:
             if last:
                 break
     print(f"step {int(state.step)} is saved in {checkpoints.folder}")
+    if int(state.step) >= train.max_steps:
+        print(f"next: {script.command('eval.py', '--run', folder)}")
     return interruption.exit_code
 
 
 if __name__ == "__main__":
-    cli.run_script(main)
+    script.run(main)

@@ -1,40 +1,41 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shows a trained scene in the browser: walk around, turn the light, plan a video.
 
-python view.py with the flags of train.py prints the address of a page. It may run
-while training goes on and then shows newer checkpoints as they come. Snapshots and
-camera paths go to CHECKPOINT_DIR/view, in the form that render.py takes.
+python view.py --run outputs/night
+
+Prints the address of a page. It may run while training goes on and then shows newer
+checkpoints as they come. Snapshots and camera paths go to the folder view/ of the run,
+in the form that render.py takes.
 """
 
-if __name__ == "__main__":  # before the imports: they would happen twice
-    from internal import process
+from internal import flags, script
 
-    process.restart_tuned()
+if __name__ == "__main__":  # before the imports below, which take seconds
+    script.begin(flags.view(__doc__))
 
-import argparse
 import importlib.util
 from collections.abc import Sequence
+from pathlib import Path
 
 from internal import cli
 from internal.errors import UserError
+from internal.training import run_folder
 
 
 def main(argv: Sequence[str]) -> int:
     """Serves until Ctrl-C."""
-    parser = argparse.ArgumentParser(description="Show a trained scene in the browser.")
-    parser.add_argument(
-        "--host", default="127.0.0.1", help="0.0.0.0 lets other computers in"
-    )
-    parser.add_argument("--port", type=int, default=8080)
-    config, flags = cli.parse_flags(parser, argv)
+    args = flags.view(__doc__).parse_args(argv)
     if importlib.util.find_spec("viser") is None:
         raise UserError("the viewer needs viser: run pip install -e '.[view]'")
     from internal.viewer.server import Server, check_free
     from internal.viewer.studio import Studio
 
-    check_free(flags.host, flags.port)
-    studio = Studio(config, cli.load_split(config, "train"))
-    server = Server(config, studio, flags.host, flags.port)
+    check_free(args.host, args.port)
+    config = cli.start_trained(args)
+    scene = cli.load_split(config, "train")
+    run_folder.check_scene(Path(config.checkpoint_dir), scene.identity, scored=False)
+    studio = Studio(config, scene)
+    server = Server(config, studio, args.host, args.port)
     print(f"step {studio.trained.step} is shown at {server.address}", flush=True)
     try:
         server.wait()
@@ -44,4 +45,4 @@ def main(argv: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    cli.run_script(main)
+    script.run(main)

@@ -13,17 +13,15 @@ if __name__ == "__main__":  # before the imports: they would happen twice
 
     process.restart_tuned()
 
-import argparse
 import dataclasses
 import statistics
-import sys
 import threading
 import time
 
 import numpy as np
 
 from benchmarks import workload
-from internal import cli
+from internal import cli, flags
 from internal.viewer.free_camera import FreeCamera
 from internal.viewer.session import Frame, Session
 from internal.viewer.studio import Studio
@@ -53,9 +51,10 @@ class Screen:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = flags.trained(__doc__)
     parser.add_argument("--seconds", type=float, default=10.0, help="of moving")
-    config, flags = cli.parse_flags(parser, sys.argv[1:])
+    args = parser.parse_args()
+    config = cli.start_trained(args)
     studio = Studio(config, cli.load_split(config, "train"))
     screen = Screen()
     session = Session(studio, screen.show, print)
@@ -69,7 +68,7 @@ def main() -> None:
     for _ in range(STOPS):
         began = time.perf_counter()
         camera = first
-        while (now := time.perf_counter()) - began < flags.seconds / STOPS:
+        while (now := time.perf_counter()) - began < args.seconds / STOPS:
             camera = circling(first, now - began, studio.spread())
             session.stand(camera)
             time.sleep(1.0 / UPDATES)
@@ -80,7 +79,7 @@ def main() -> None:
         coarse.append(next(t for t, _ in screen.frames if t > stopped) - stopped)
     studio.turns.stop()
     rows = [
-        ("frames / s while moving", f"{len(moving) / flags.seconds:.1f}"),
+        ("frames / s while moving", f"{len(moving) / args.seconds:.1f}"),
         ("median size while moving", size(moving)),
         ("first picture after a stop, s", f"{statistics.median(coarse):.2f}"),
         (f"finished ({size([screen.frames[-1][1]])}), s",

@@ -1,90 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the scripts share: flags, friendly errors, clean interruption."""
+"""From a script's flags to its configuration and its scene."""
 
 import argparse
-import os
-import signal
-import sys
-from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import FrameType
 
-from internal import configs, parallel
+from internal import parallel
 from internal.configs import Config
-from internal.errors import Diverged, UserError
+from internal.errors import UserError
 from internal.scene.scene import Scene, load_scene
-
-USER_ERROR_EXIT = 2
-FAILURE_EXIT = 1  # what nobody can fix beforehand, such as a loss that diverges
+from internal.training import run_folder
 
 
-def run_script(main: Callable[[Sequence[str]], int]) -> None:
-    """Runs ``main(argv)`` and exits: one line and code 2 for a ``UserError``."""
-    try:
-        code = main(sys.argv[1:])
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        code = USER_ERROR_EXIT
-    except Diverged as error:
-        print(f"error: {error}", file=sys.stderr)
-        code = FAILURE_EXIT
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        code = 128 + signal.SIGINT
-    sys.stdout.flush()
-    sys.exit(code)
+def configured(flags: argparse.Namespace) -> Config:
+    """The configuration that gin files and bindings state, for training."""
+    return run_folder.config_to_train(flags.gin_configs, flags.gin_bindings)
 
 
-def add_gin_flags(parser: argparse.ArgumentParser) -> None:
-    """``--gin_configs`` and ``--gin_bindings``, each as often as wanted."""
-    parser.add_argument(
-        "--gin_configs", action="append", default=[], metavar="FILE", help="gin file"
-    )
-    add_bindings_flag(parser)
-
-
-def add_bindings_flag(parser: argparse.ArgumentParser) -> None:
-    """``--gin_bindings``, as often as wanted."""
-    parser.add_argument(
-        "--gin_bindings",
-        action="append",
-        default=[],
-        metavar="BINDING",
-        help="for example \"Config.data_dir = 'scenes/night'\"",
-    )
-
-
-def parse_config(description: str, argv: Sequence[str]) -> Config:
-    """The configuration of a single-process script; prints the devices it uses."""
-    return parse_flags(argparse.ArgumentParser(description=description), argv)[0]
-
-
-def parse_flags(
-    parser: argparse.ArgumentParser, argv: Sequence[str]
-) -> tuple[Config, argparse.Namespace]:
-    """Like ``parse_config``, for a script with flags of its own."""
-    add_gin_flags(parser)
-    flags = parser.parse_args(argv)
-    config = configs.load_config(flags.gin_configs, flags.gin_bindings)
-    print(parallel.describe_devices(), flush=True)
-    return config, flags
-
-
-def parse_parallel_config(description: str, argv: Sequence[str]) -> Config:
-    """Like ``parse_config``, for a script that may run as several processes."""
-    parser = argparse.ArgumentParser(description=description)
-    add_gin_flags(parser)
-    parser.add_argument(
-        "--coordinator",
-        default="",
-        metavar="HOST:PORT",
-        help="address of process 0, when there are several",
-    )
-    parser.add_argument("--num_processes", type=int, default=1)
-    parser.add_argument("--process_id", type=int, default=0)
-    flags = parser.parse_args(argv)
-    config = configs.load_config(flags.gin_configs, flags.gin_bindings)
+def start_training(flags: argparse.Namespace) -> Config:
+    """The configuration of a script that may run as several processes; joins them and
+    prints the devices it uses."""
+    config = configured(flags)
     parallel.initialize(flags.coordinator, flags.num_processes, flags.process_id)
+    print(parallel.describe_devices(), flush=True)
+    return config
+
+
+def start_trained(flags: argparse.Namespace) -> Config:
+    """The configuration of a script that uses a trained run: the run's own, with what
+    the flags state of it that may differ. Prints the devices it uses.
+
+    Raises:
+        UserError: no run is named, there is none, or what is stated differs from what
+            it was trained with.
+    """
+    config = run_folder.config_of_run(flags.gin_configs, flags.gin_bindings)
     print(parallel.describe_devices(), flush=True)
     return config
 
@@ -92,10 +41,7 @@ def parse_parallel_config(description: str, argv: Sequence[str]) -> Config:
 def load_split(config: Config, split: str) -> Scene:
     """The configured scene's ``train`` or ``test`` views."""
     if not config.data_dir:
-        raise UserError(
-            "Config.data_dir is empty; name the scene's folder: "
-            "--gin_bindings=\"Config.data_dir = 'scenes/night'\""
-        )
+        raise UserError("no scene is named; give its folder: --scene scenes/night")
     return load_scene(
         Path(config.data_dir),
         split=split,
@@ -111,33 +57,3 @@ def load_split(config: Config, split: str) -> Scene:
         photo_gains=config.photo_gains,
         max_image_memory=config.max_image_memory,
     )
-
-
-class Interruption:
-    """Notices Ctrl-C and SIGTERM while it is entered, so that the loop can save and
-    leave. A second signal leaves at once."""
-
-    def __init__(self) -> None:
-        self.signal = 0
-
-    def __enter__(self) -> "Interruption":
-        numbers = (signal.SIGINT, signal.SIGTERM)
-        self._before = {n: signal.signal(n, self._notice) for n in numbers}
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def __bool__(self) -> bool:
-        return self.signal != 0
-
-    @property
-    def exit_code(self) -> int:
-        """What a shell expects of a process ended by that signal; 0 without one."""
-        return 128 + self.signal if self.signal else 0
-
-    def _notice(self, number: int, frame: FrameType | None) -> None:
-        if self.signal:
-            os._exit(128 + number)
-        self.signal = number

@@ -5,9 +5,9 @@ Paper values are the defaults; every other value stands in a file of ``configs/`
 """
 
 import dataclasses
-import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import gin
 from beartype.roar import BeartypeCallHintViolation
@@ -20,6 +20,8 @@ from internal.enhancements.look import Look
 from internal.errors import UserError
 from internal.fields.base import FieldConfig
 from internal.fields.mlp import MLP
+
+T = TypeVar("T")
 
 # What gin raises for unknown names, bad syntax, missing includes.
 _GIN_ERRORS = (ValueError, TypeError, SyntaxError, OSError, RuntimeError)
@@ -131,27 +133,64 @@ class Config:
     render: RenderConfig = dataclasses.field(default_factory=RenderConfig)
 
 
-def load_config(files: Sequence[str], bindings: Sequence[str]) -> Config:
+def load_config(
+    files: Sequence[str], bindings: Sequence[str], base: Sequence[str] = ()
+) -> Config:
     """Parses gin files, then bindings, and checks every name and type.
+
+    Args:
+        base: bindings that hold where files and bindings say nothing.
 
     Raises:
         UserError: a file is missing, a name is unknown or a value has a wrong type.
     """
-    gin.clear_config()
+    config = _parse(files, bindings, base, Config)
+    _check(config)
+    return config
+
+
+def bound(name: str, files: Sequence[str], bindings: Sequence[str]) -> str:
+    """What gin files, then bindings, say of one text; "" if nothing.
+
+    Raises:
+        UserError: as ``load_config``, of names that nobody knows.
+    """
+
+    def query() -> str:
+        try:
+            return str(gin.query_parameter(name))
+        except ValueError:
+            return ""
+
+    return _parse(files, bindings, (), query)
+
+
+def register() -> None:
+    """Makes all that ``@`` can refer to known by name."""
     fields.register()
     enhancements.register()
+
+
+def _parse(
+    files: Sequence[str],
+    bindings: Sequence[str],
+    base: Sequence[str],
+    then: Callable[[], T],
+) -> T:
+    """The result of ``then`` while gin knows these files and bindings."""
+    gin.clear_config()
+    register()
     for file in files:
         if not Path(file).is_file():
             raise UserError(f"{file}: no such gin file; see configs/")
     try:
+        gin.parse_config(list(base))
         gin.parse_config_files_and_bindings(list(files), list(bindings))
-        config = Config()
+        return then()
     except (BeartypeCallHintViolation, *_GIN_ERRORS) as error:
         raise UserError(f"gin: {' '.join(str(error).split())[:400]}") from error
     finally:
         gin.clear_config()
-    _check(config)
-    return config
 
 
 def _check(config: Config) -> None:
@@ -166,6 +205,10 @@ def _check(config: Config) -> None:
         "Losses.observation: ideal or noisy": config.losses.observation
         in ("ideal", "noisy"),
         "Train.max_steps >= 1": train.max_steps >= 1,
+        f"Train.enhance_start = {train.enhance_start} comes before Train.max_steps = "
+        f"{train.max_steps}, or the enhancement learns nothing; set both": (
+            train.enhance_start < train.max_steps or model.enhancement is None
+        ),
         "Train.log_every, checkpoint_every, preview_every >= 1": min(
             train.log_every, train.checkpoint_every, train.preview_every
         )
@@ -200,8 +243,3 @@ def _sizes(field: FieldConfig) -> list[int]:
     """All counts and resolutions of a field."""
     flat = [x if isinstance(x, tuple) else (x,) for x in vars(field).values()]
     return [x for sizes in flat for x in sizes if type(x) is int]
-
-
-def to_json(config: Config) -> str:
-    """The whole configuration, for the run folder."""
-    return json.dumps(dataclasses.asdict(config), indent=2) + "\n"

@@ -17,15 +17,33 @@ from jax.experimental import multihost_utils
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 from jaxtyping import ArrayLike
 
-from internal.errors import UserError
+from internal.errors import UserError, one_line
 
 T = TypeVar("T")
 
 
 def initialize(coordinator: str, num_processes: int, process_id: int) -> None:
-    """Joins this process to a multi-process run; one process needs none of it."""
-    if num_processes > 1:
+    """Joins this process to a multi-process run; one process needs none of it.
+
+    Raises:
+        UserError: the numbers do not fit each other, or nobody is there to join.
+    """
+    if not 0 <= process_id < num_processes:
+        raise UserError(
+            f"--process_id {process_id} of --num_processes {num_processes}: expected "
+            "0 to one less than the number of processes"
+        )
+    if num_processes == 1:
+        return
+    if not coordinator:
+        raise UserError("several processes need --coordinator=HOST:PORT of process 0")
+    try:
         jax.distributed.initialize(coordinator, num_processes, process_id)
+    except (RuntimeError, ValueError) as error:
+        raise UserError(
+            f"--coordinator={coordinator}: cannot join ({one_line(error)}); start "
+            "the same command on each, with process 0 on that host"
+        ) from error
 
 
 def data_mesh(batch_size: int, devices: Sequence[Any] | None = None) -> Mesh:
@@ -83,9 +101,12 @@ def agreed_to_stop(asked: bool, step: int, every: int) -> bool:
     """
     if jax.process_count() == 1:
         return asked
-    if step % every:
-        return False
-    return bool(np.any(multihost_utils.process_allgather(np.array(asked))))
+    return step % every == 0 and in_any_process(asked)
+
+
+def in_any_process(here: bool) -> bool:
+    """Whether something holds in this process or in another; all must ask."""
+    return bool(np.any(multihost_utils.process_allgather(np.array(here))))
 
 
 def is_writer() -> bool:
@@ -94,8 +115,19 @@ def is_writer() -> bool:
 
 
 def describe_devices() -> str:
-    """One line on what computes; a loud one if a GPU sits idle."""
-    devices = jax.devices()
+    """One line on what computes; a loud one if a GPU sits idle.
+
+    Raises:
+        UserError: JAX_PLATFORMS names what this machine does not have.
+    """
+    try:
+        devices = jax.devices()
+    except (RuntimeError, AssertionError) as error:
+        raise UserError(
+            f"JAX_PLATFORMS={os.environ.get('JAX_PLATFORMS', '')}: no such device "
+            f"can be used ({one_line(error)}); unset it, or for an NVIDIA GPU run "
+            'pip install "jax[cuda13]"'
+        ) from error
     names = ", ".join(sorted({device.device_kind for device in devices}))
     line = f"devices: {len(devices)} x {devices[0].platform} ({names})"
     if jax.process_count() > 1:

@@ -18,9 +18,11 @@ import export as export_script
 import render as render_script
 import train as train_script
 import view as view_script
-from internal import cli
+from internal import flags as flags_of
+from internal import parallel, script
 from internal.configs import load_config
 from internal.errors import Diverged, UserError
+from internal.files import atomic
 from internal.training import run_folder
 from tests.conftest import flags
 
@@ -34,7 +36,7 @@ def bindings(*texts):
 def exit_code(main, argv, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["script", *argv])
     with pytest.raises(SystemExit) as stop:
-        cli.run_script(main)
+        script.run(main)
     return stop.value.code
 
 
@@ -53,46 +55,52 @@ def test_a_script_prints_one_line_and_exits_with_two():
 
 
 @pytest.mark.parametrize(
-    "script", [train_script, eval_script, render_script, view_script, export_script]
+    "program", [train_script, eval_script, render_script, view_script, export_script]
 )
-def test_an_unknown_gin_name_exits_with_two(script, monkeypatch, capsys):
-    code = exit_code(script.main, bindings("Config.nonsense = 1"), monkeypatch)
+def test_an_unknown_gin_name_exits_with_two(program, monkeypatch, capsys):
+    code = exit_code(program.main, bindings("Config.nonsense = 1"), monkeypatch)
     assert code == 2
     assert "nonsense" in capsys.readouterr().err
 
 
 def test_no_data_dir_says_how_to_name_one():
-    with pytest.raises(UserError, match=r"data_dir is empty.*--gin_bindings"):
+    with pytest.raises(UserError, match=r"no scene is named; .*--scene"):
         train_script.main([])
 
 
-@pytest.mark.parametrize("script", [eval_script, render_script, export_script])
-def test_no_checkpoint_says_so(script, tmp_path):
+@pytest.mark.parametrize("program", [eval_script, render_script, export_script])
+def test_no_checkpoint_says_so(program, tmp_path):
     with pytest.raises(UserError, match="holds no checkpoint"):
-        script.main(bindings(f"Config.checkpoint_dir = {str(tmp_path)!r}"))
+        program.main(bindings(f"Config.checkpoint_dir = {str(tmp_path)!r}"))
     assert not list(tmp_path.iterdir())
 
 
-def test_no_checkpoint_dir_says_how_to_name_one():
-    with pytest.raises(UserError, match="checkpoint_dir is empty"):
-        run_folder.open_run(load_config([], []))
+def test_no_run_folder_says_how_to_name_one():
+    with (
+        pytest.raises(UserError, match="--run outputs"),
+        run_folder.claimed(load_config([], [])),
+    ):
+        pass
 
 
 def test_an_unwritable_checkpoint_dir_is_named(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
     config = load_config([], [f"Config.checkpoint_dir = {str(blocked / 'run')!r}"])
-    with pytest.raises(UserError, match="file/run: cannot be made"):
-        run_folder.open_run(config)
+    with (
+        pytest.raises(UserError, match="file/run: cannot be made"),
+        run_folder.claimed(config),
+    ):
+        pass
 
 
 def test_a_full_disk_is_one_line_and_leaves_no_part(tmp_path, monkeypatch):
-    def full(*_):
+    def full(*_, **__):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_text", full)
     with pytest.raises(UserError, match="No space left"):
-        run_folder.write_text(tmp_path / "config.json", "{}")
+        atomic.write_text(tmp_path / "config.json", "{}")
     assert not list(tmp_path.iterdir())
 
 
@@ -108,8 +116,8 @@ def test_divergence_exits_with_one_and_an_interrupt_with_130(monkeypatch, capsys
     assert exit_code(interrupt, [], monkeypatch) == 130
 
 
-def test_a_light_edit_out_of_range_is_refused(monkeypatch, capsys):
-    argv = bindings("Render.temperature = 10.0")
+def test_a_light_edit_out_of_range_is_refused(night_run, monkeypatch, capsys):
+    argv = [f"--run={night_run}", *bindings("Render.temperature = 10.0")]
     assert exit_code(render_script.main, argv, monkeypatch) == 2
     assert "temperature" in capsys.readouterr().err
 
@@ -127,7 +135,7 @@ def test_a_taken_port_is_one_line(monkeypatch, capsys):
     "own, words",
     [
         (["Config.checkpoint_dir = 'no/run'"], "no/run: holds no checkpoint"),
-        (["MLP.width = 24"], "holds a model of another shape"),
+        (["MLP.width = 24"], "MLP.width was 16, is 24"),
         (["Config.data_dir = 'no/scene'"], "no/scene"),
     ],
 )
@@ -150,12 +158,99 @@ def assert_one_line(code, words, capsys):
 
 
 @pytest.mark.parametrize(
-    "script, extra", [(view_script, "viser"), (export_script, "trimesh")]
+    "program, extra", [(view_script, "viser"), (export_script, "trimesh")]
 )
-def test_a_missing_extra_says_what_to_install(script, extra, monkeypatch, capsys):
+def test_a_missing_extra_says_what_to_install(program, extra, monkeypatch, capsys):
     def none_of_it(name, *_):
         return None if name == extra else importlib.machinery.ModuleSpec(name, None)
 
     monkeypatch.setattr(importlib.util, "find_spec", none_of_it)
-    code = exit_code(script.main, [], monkeypatch)
+    code = exit_code(program.main, [], monkeypatch)
     assert_one_line(code, "run pip install -e '.[", capsys)
+
+
+NAMES = "train eval render view export sweep study prepare make_scene".split()
+
+
+@pytest.mark.parametrize("argv", [["--help"], ["--no-such-flag"]])
+def test_help_and_wrong_flags_are_answered_before_anything_large_is_imported(argv):
+    """Each script in turn in one process, as ``__main__``."""
+    code = f"""
+import runpy, sys
+for name in {NAMES!r}:
+    sys.argv = [name + ".py", *{argv!r}]
+    try:
+        runpy.run_path(name + ".py", run_name="__main__")
+    except SystemExit as stop:
+        assert stop.code == {0 if argv == ["--help"] else 2}, (name, stop.code)
+    large = {{"jax", "flax", "pycolmap", "numpy", "gin"}} & sys.modules.keys()
+    assert not large, (name, large)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_study_needs_no_jax():
+    code = """
+import sys, study
+assert not {"jax", "flax", "pycolmap"} & sys.modules.keys()
+"""
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("wanted", "message"),
+    [(("", 2, 2), "process_id 2 of"), (("", 1, -1), "-1"), (("", 2, 1), "coordinator")],
+)
+def test_processes_that_cannot_be_are_refused(wanted, message):
+    with pytest.raises(UserError, match=message):
+        parallel.initialize(*wanted)
+
+
+@pytest.mark.parametrize("error", [AssertionError(), RuntimeError("no\ncuda")])
+def test_a_platform_that_is_not_there_is_one_line(error, monkeypatch):
+    def none_of_it():
+        raise error
+
+    monkeypatch.setenv("JAX_PLATFORMS", "cuda")
+    monkeypatch.setattr(parallel.jax, "devices", none_of_it)
+    with pytest.raises(UserError, match="JAX_PLATFORMS=cuda") as raised:
+        parallel.describe_devices()
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("points", ["0", "-3", "many"])
+def test_an_export_of_no_points_is_refused(points):
+    with pytest.raises(SystemExit) as stop:
+        flags_of.export("").parse_args(["--run=x", "--points", points])
+    assert stop.value.code == 2
+
+
+def test_a_printed_command_survives_the_shell(tmp_path):
+    folder = tmp_path / 'ann\'s $HOME; [x] "y" *'
+    line = script.command("eval.py", "--run", folder)
+    shown = subprocess.run(
+        ["sh", "-c", line.replace("python eval.py", "printf %s\\\\n", 1)],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert shown.stdout.splitlines() == ["--run", str(folder)]
+
+
+def test_short_forms_are_bindings_and_the_last_one_holds(tmp_path):
+    folder = tmp_path / "it's [a] scene"
+    argv = ["--gin_bindings=Config.data_dir = 'x'", f"--scene={folder}", "--run=r"]
+    parsed = flags_of.train("").parse_args(argv)
+    config = load_config(parsed.gin_configs, parsed.gin_bindings)
+    assert (config.data_dir, config.checkpoint_dir) == (str(folder), "r")
+
+
+@pytest.mark.parametrize("text", ['{"scenes": {"night"', ""])
+def test_a_file_of_results_that_was_cut_short_is_one_line(text, tmp_path):
+    path = tmp_path / "results.json"
+    with pytest.raises(UserError, match=r"results\.json: not found; .*compare"):
+        atomic.read_json(path, "compare.py")
+    path.write_text(text)
+    with pytest.raises(UserError, match=r"results\.json: is cut short"):
+        atomic.read_json(path, "compare.py")

@@ -53,3 +53,41 @@ def test_an_unwritable_folder_is_one_line(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(UserError, match="cannot be written"):
         Checkpoints(tmp_path / "file", kept=1)
+
+
+NAMES = ["a b", "[2024] runs", 'it\'s "x"', "é日本", "*?", "{a,b}", "$HOME", "n" * 200]
+
+
+def test_every_name_that_the_file_system_takes_works(state, tmp_path):
+    folder = tmp_path.joinpath(*NAMES)
+    mesh = parallel.data_mesh(4)
+    with Checkpoints(folder, kept=1) as checkpoints:
+        checkpoints.save(at_step(state, 1))
+    with Checkpoints(folder, kept=1) as checkpoints:
+        restored = checkpoints.restore(jax.eval_shape(lambda: state), mesh)
+    chex.assert_trees_all_equal(restored, at_step(state, 1))
+
+
+def test_what_is_not_read_back_as_it_was_is_not_called_saved(
+    state, tmp_path, monkeypatch
+):
+    with Checkpoints(tmp_path, kept=1) as checkpoints:
+        checkpoints.save(at_step(state, 1))
+        with monkeypatch.context() as patch:
+            patch.setattr(checkpoints, "_read", lambda *_: at_step(state, 7))
+            with pytest.raises(UserError, match="step 2 is not read back"):
+                checkpoints.save(at_step(state, 2))
+        assert checkpoints.latest_step() == 1
+
+
+def test_a_checkpoint_with_a_torn_description_is_one_line(state, tmp_path):
+    with Checkpoints(tmp_path, kept=1) as checkpoints:
+        checkpoints.save(at_step(state, 1))
+    (described,) = (tmp_path / "checkpoints" / "1" / "default").glob("_METADATA")
+    described.write_bytes(described.read_bytes()[:100])
+    with (
+        Checkpoints(tmp_path, kept=1) as checkpoints,
+        pytest.raises(UserError, match="step 1 is damaged") as error,
+    ):
+        checkpoints.restore(jax.eval_shape(lambda: state), parallel.data_mesh(4))
+    assert "\n" not in str(error.value)

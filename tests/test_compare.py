@@ -218,7 +218,7 @@ class TestFigures:
             figures_script.main(["out", *arguments])
 
     def test_another_folder_is_refused(self):
-        with pytest.raises(UserError, match="make the comparison"):
+        with pytest.raises(UserError, match="make it with compare"):
             figures_script.main(["scene"])
 
 
@@ -235,6 +235,6 @@ def test_a_run_is_done_only_with_its_configuration(tmp_path, monkeypatch):
         return Done
 
     monkeypatch.setattr(scored_run.subprocess, "run", run)
-    for bindings in ([], [], ["Train.max_steps = 7"]):
+    for bindings in ([], [], ["Train.log_every = 7"]):
         assert scored_run.train_and_score(tmp_path, [], bindings) == 0
     assert started == ["train.py", "eval.py"] * 2

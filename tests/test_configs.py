@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from internal import configs
+from internal import configs, saved_config
 from internal.configs import Config, load_config
 from internal.errors import UserError
 
@@ -85,6 +85,51 @@ def test_every_field_is_read_somewhere():
 
 
 def test_json_holds_every_section():
-    saved = json.loads(configs.to_json(load_config([], [])))
-    assert saved["model"]["enhancement"]["gamma0"] == 2.2
+    saved = json.loads(saved_config.to_json(load_config([], [])))
+    assert saved["model"]["num_samples"] == [128, 128]
     assert {"losses", "optimizer", "train", "render"} <= saved.keys()
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda f: f.stem)
+def test_a_saved_configuration_comes_back(file, tmp_path):
+    own = "Config.data_dir = 'it\\'s [a] \"scene\" \\\\ é\\n'"
+    config = load_config([str(file)], [own])
+    (tmp_path / "config.json").write_text(saved_config.to_json(config))
+    assert saved_config.read(tmp_path / "config.json") == config
+    assert load_config([], [], saved_config.as_bindings(config)) == config
+
+
+def test_what_differs_has_the_name_that_gin_knows():
+    old = load_config([], [])
+    new = load_config([], ["Model.field = @HashGrid()", "Losses.coarse = 0.5"])
+    found = saved_config.differences(old, new)
+    assert found["Losses.coarse"] == "was 0.1, is 0.5"
+    assert found["Model.field"] == "was @MLP(), is @HashGrid()"
+    assert found["MLP.width"] == "was 256, is not there"
+    assert saved_config.differences(old, old) == {}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: s[: len(s) // 2], "cannot be read .it is cut short"),
+        (lambda s: "[]", "another version"),
+        (lambda s: s.replace('"seed"', '"sead"'), r"another version .*Train\.sea?e?d"),
+        (lambda s: s.replace('"@": "MLP"', '"@": "Net"'), "another version .*Net"),
+        (lambda s: s.replace('"@": "MLP",', ""), "another version .*no @"),
+        (lambda s: s.replace('"depth": 8', '"depth": "8"'), "another version .*depth"),
+    ],
+)
+def test_a_torn_or_old_configuration_is_one_line(change, message, tmp_path):
+    path = tmp_path / "config.json"
+    path.write_text(change(saved_config.to_json(load_config([], []))))
+    with pytest.raises(UserError, match=message) as error:
+        saved_config.read(path)
+    assert str(path) in str(error.value) and "\n" not in str(error.value)
+
+
+def test_an_enhancement_that_never_starts_is_an_error():
+    best = ["configs/llnerf_best.gin"]
+    with pytest.raises(UserError, match=r"enhance_start = 9500 .*max_steps = 1500"):
+        load_config(best, ["Train.max_steps = 1500"])
+    load_config(["configs/nerf_fast.gin"], ["Train.max_steps = 1500"])

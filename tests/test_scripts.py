@@ -5,6 +5,9 @@ import dataclasses
 import json
 import shutil
 import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import av
 import chex
@@ -19,13 +22,16 @@ import train as train_script
 from internal import parallel
 from internal.cli import load_split
 from internal.comparison import scored_run
-from internal.configs import load_config, to_json
+from internal.configs import load_config
 from internal.errors import Diverged, UserError
 from internal.files import image_io
 from internal.pages import report
+from internal.saved_config import to_json
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
 from tests.conftest import TINY_MODEL, bindings, flags
+
+ROOT = Path(__file__).parents[1]
 
 
 def trained_state(run):
@@ -96,7 +102,7 @@ def test_a_resumed_run_equals_an_uninterrupted_one(scene, run, tmp_path, monkeyp
 
 
 def test_other_settings_do_not_go_on_in_the_same_folder(scene, run):
-    with pytest.raises(UserError, match=r"losses\.gray was 0\.1, is 0\.5"):
+    with pytest.raises(UserError, match=r"Gamma\.gray was 0\.1, is 0\.5"):
         train_script.main(flags(scene, run, "Gamma.gray = 0.5"))
 
 
@@ -110,9 +116,48 @@ def test_seconds_of_training_add_up_over_starts(tmp_path):
     assert 60.0 <= run_folder.training_seconds(tmp_path) < 100.0
 
 
-def test_a_checkpoint_of_another_shape_is_refused(scene, run):
-    with pytest.raises(UserError, match="another shape"):
-        eval_script.main(flags(scene, run, "MLP.width = 24"))
+KILLED = """
+import os, signal, sys, train
+from tests import conftest  # its devices and compiler flags
+check_finite = train.check_finite
+def killed_after_five(stats, step):
+    check_finite(stats, step)
+    if step == 5:
+        os.kill(os.getpid(), signal.SIGKILL)
+train.check_finite = killed_after_five
+train.main(sys.argv[1:])
+"""
+
+
+def test_a_killed_run_goes_on_as_if_nothing_was(scene, run, tmp_path):
+    """Killed between checkpoints 3 and 6, when step 4 was logged already."""
+    killed = tmp_path / "[2024] it's killed"
+    command = [sys.executable, "-c", KILLED, *flags(scene, killed)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert [row["step"] for row in run_folder.read_log(killed)] == [2, 4]
+    assert train_script.main(flags(scene, killed)) == 0
+    chex.assert_trees_all_equal(trained_state(killed), trained_state(run))
+    assert [row["step"] for row in run_folder.read_log(killed)] == [2, 4, 6]
+
+
+def test_a_finished_run_is_trained_for_longer(run, tmp_path):
+    longer = tmp_path / "longer"
+    shutil.copytree(run, longer)
+    more = "--gin_bindings=Train.max_steps = 8"
+    assert train_script.main([f"--run={longer}", more]) == 0
+    assert int(trained_state(longer).step) == 8
+
+
+@pytest.mark.parametrize(
+    "own",
+    ["MLP.width = 24", "Config.near = 0.7", "Config.factor = 2", "Train.seed = 9"],
+)
+def test_a_run_is_used_with_its_own_settings_alone(scene, run, own):
+    name = own.partition(" ")[0]
+    for script in (eval_script, render_script):
+        with pytest.raises(UserError, match=rf"other settings \({name} was"):
+            script.main([f"--run={run}", f"--gin_bindings={own}"])
 
 
 def test_a_run_that_diverges_stops_and_keeps_the_last_good_checkpoint(scene, tmp_path):
@@ -124,8 +169,8 @@ def test_a_run_that_diverges_stops_and_keeps_the_last_good_checkpoint(scene, tmp
     assert all(np.all(np.isfinite(leaf)) for leaf in leaves)
 
 
-def test_evaluation_writes_pictures_and_scores(scene, run):
-    assert eval_script.main(flags(scene, run)) == 0
+def test_evaluation_writes_pictures_and_scores(run):
+    assert eval_script.main([f"--run={run}"]) == 0
     result = json.loads((run / "eval" / "metrics.json").read_text())
     assert result["step"] == 6
     assert list(result["views"]) == ["000.png"]
@@ -144,13 +189,15 @@ def test_evaluation_writes_pictures_and_scores(scene, run):
 
 
 def test_rendering_writes_videos_and_goes_on_where_it_stopped(scene, run):
-    arguments = flags(scene, run)
+    arguments = [f"--run={run}"]
     assert render_script.main(arguments) == 0
     folder = run / "render" / "spiral"
     for name in "enhanced dark v r depth".split():
         with av.open(folder / f"{name}.mp4") as video:
             assert video.streams.video[0].frames == 3
             assert video.streams.video[0].codec_context.pix_fmt == "yuv420p"
+    (folder / "settings.json").write_text('{"step": ')  # cut short: all anew
+    assert render_script.main(arguments) == 0
     kept, lost = (folder / "enhanced" / f"000{k}.png" for k in (0, 1))
     before, lost_bytes = kept.stat().st_mtime_ns, lost.read_bytes()
     lost.unlink()
@@ -209,7 +256,27 @@ def test_curves_of_several_runs_share_a_chart_and_leave_out_what_never_changes(
     assert report.training_curves("Training", {"none yet": tmp_path}) == []
 
 
-@pytest.mark.parametrize("text", ["gray 0.2", "a/b: Gamma.gray = 0.2"])
+@pytest.mark.parametrize(
+    ("variants", "message"),
+    [
+        (["a: Gamma.gray = 0.2", "a: Gamma.gray = 0.3"], "'a': two are called so"),
+        (["full: Gamma.gray = 0.2"], "'full': two are called so"),
+        (["a: Gamma.gray = 0.2", "b: Gamma.gray = 0.2"], "'b': .* those of 'a'"),
+        (["a: Gamma.gray = 0.2", "b: Gamma.grey = 0.2"], "'b': gin: .*grey"),
+    ],
+)
+def test_a_sweep_refuses_before_the_first_training(
+    variants, message, scene, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(sweep_script, "train_and_score", pytest.fail)
+    arguments = [*flags(scene, tmp_path), "--variants", *variants]
+    with pytest.raises(UserError, match=message):
+        sweep_script.main(arguments)
+    with pytest.raises(UserError, match="--run"):
+        sweep_script.main([])
+
+
+@pytest.mark.parametrize("text", ["gray 0.2", "a/b: Gamma.gray = 0.2", ": x = 1"])
 def test_a_variant_that_is_neither_file_nor_bindings_is_refused(text):
     with pytest.raises(UserError, match="variant"):
         sweep_script.parse_variant(text)

@@ -136,3 +136,16 @@ def test_files_that_are_no_answers_are_named(tmp_path):
     ann = write_answers(tmp_path / "ann.csv", "ann", [("0", "one", "A")])
     with pytest.raises(UserError, match=r"'ann' answers 0 twice"):
         read_answers([ann, ann])
+
+
+def test_a_chart_is_not_drawn_over_the_page_that_asks(tmp_path, methods):
+    out = tmp_path / "study"
+    assert study_script.main(["make", str(out), *methods]) == 0
+    page = (out / "index.html").read_bytes()
+    answers = write_answers(tmp_path / "ann.csv", "ann", [("0", "one", "A")])
+    with pytest.raises(UserError, match=r"index\.html: not a chart"):
+        study_script.main(["chart", str(out), str(answers)])
+    assert (out / "index.html").read_bytes() == page
+    chart = tmp_path / "chart"
+    for _ in range(2):  # over one's own
+        assert study_script.main(["chart", str(chart), str(answers)]) == 0

@@ -82,9 +82,9 @@ def test_a_scene_without_truth_has_rows_without_scores(tmp_path):
 
 def test_results_are_read_back_as_written(tmp_path):
     tables.write_tables(tmp_path, RESULTS)
-    assert tables.read_results(tmp_path) == RESULTS
+    assert tables.read_tables(tmp_path) == RESULTS
 
 
 def test_a_folder_without_results_is_named(tmp_path):
     with pytest.raises(UserError, match=r"results\.json: not found"):
-        tables.read_results(tmp_path)
+        tables.read_tables(tmp_path)

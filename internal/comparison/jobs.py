@@ -26,7 +26,7 @@ from internal.comparison.methods import Method
 from internal.comparison.scored_run import train_and_score
 from internal.configs import Config
 from internal.errors import UserError
-from internal.files import image_io
+from internal.files import atomic, image_io
 from internal.files.listing import flat_pngs
 from internal.files.made_folder import Facts, make_folder
 from internal.scene import readers
@@ -89,7 +89,7 @@ def open_comparison(
     if len(paths) < len(scenes):
         raise UserError(f"scenes: two have the same folder name; of {', '.join(paths)}")
     record = out / RECORD
-    old = json.loads(record.read_text()) if record.is_file() else {}
+    old = atomic.read_json(record, "compare.py") if record.is_file() else {}
     if old and old["gin_bindings"] != list(gin_bindings):
         raise UserError(
             f"{record}: made with other bindings ({'; '.join(old['gin_bindings'])}); "
@@ -98,9 +98,9 @@ def open_comparison(
     for name, path in old.get("scenes", {}).items():
         if paths.setdefault(name, path) != path:
             raise UserError(f"{record}: scene {name} was {path}; choose another --out")
-    run_folder.make_folder(out)
+    atomic.ensure_folder(out)
     content = {"gin_bindings": list(gin_bindings), "scenes": paths}
-    run_folder.write_text(record, json.dumps(content, indent=2) + "\n")
+    atomic.write_text(record, json.dumps(content, indent=2) + "\n")
 
 
 def scenes_of(out: Path) -> dict[str, Path]:
@@ -109,10 +109,7 @@ def scenes_of(out: Path) -> dict[str, Path]:
     Raises:
         UserError: the folder holds no comparison.
     """
-    record = out / RECORD
-    if not record.is_file():
-        raise UserError(f"{record}: not found; make the comparison with compare.py")
-    scenes = json.loads(record.read_text())["scenes"]
+    scenes = atomic.read_json(out / RECORD, "compare.py")["scenes"]
     return {name: Path(path) for name, path in scenes.items()}
 
 
@@ -173,7 +170,7 @@ def read_results(out: Path, chosen: Mapping[Path, Sequence[Method]]) -> Results:
 def read_result(out: Path, job: Job, output: str) -> Result:
     """What a job that is done found of one output."""
     folder = scored_folder(out, job)
-    mean = json.loads((folder / "metrics.json").read_text())["mean"]
+    mean = atomic.read_json(folder / "metrics.json", "compare.py")["mean"]
     seconds = run_folder.training_seconds(_run(out, job)) if job.train else 0.0
     return Result(
         folder=folder.relative_to(out).as_posix(),
@@ -247,9 +244,7 @@ def _score_photos(out: Path, job: Job, bindings: Sequence[str]) -> None:
             _write_pictures(partial, pngs[index], shown)
         mean = evaluation.mean_scores(views) if views else {}
         result = {"views": views, "mean": mean}
-        run_folder.write_text(
-            partial / "metrics.json", json.dumps(result, indent=2) + "\n"
-        )
+        atomic.write_text(partial / "metrics.json", json.dumps(result, indent=2) + "\n")
         return {"views": float(len(names))}
 
     make_folder(folder, settings, fill, overwrite=False)

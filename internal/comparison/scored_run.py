@@ -10,9 +10,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from internal import configs
+from internal import configs, saved_config
 from internal.configs import Config
-from internal.training import run_folder
+from internal.files import atomic
 
 SCRIPTS = ("train.py", "eval.py")
 RECORD = "scored_with.json"  # the configuration, once the scores are there
@@ -29,7 +29,7 @@ def train_and_score(
     Raises:
         UserError: the configuration is wrong.
     """
-    record = configs.to_json(config_of(run, gin_configs, gin_bindings))
+    record = saved_config.to_json(config_of(run, gin_configs, gin_bindings))
     if is_done(run, record):
         print("done before")
         return 0
@@ -37,7 +37,7 @@ def train_and_score(
         code = run_script(script, run, gin_configs, gin_bindings)
         if code:
             return code
-    run_folder.write_text(run / RECORD, record)
+    atomic.write_text(run / RECORD, record)
     return 0
 
 

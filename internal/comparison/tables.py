@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from internal.comparison.jobs import Result, Results
-from internal.errors import UserError
+from internal.files import atomic
 from internal.pages.pages import Table
 from internal.pages.tables import as_latex, as_text, write_csv
 from internal.scoring.evaluation import LOWER_IS_BETTER
-from internal.training import run_folder
 
 RESULTS = "results.json"
 MEAN = "mean of all scenes"
@@ -48,13 +47,13 @@ def write_tables(out: Path, results: Results) -> str:
         scene: {name: dataclasses.asdict(result) for name, result in rows.items()}
         for scene, rows in results.items()
     }
-    run_folder.write_text(out / RESULTS, json.dumps(content, indent=2) + "\n")
+    atomic.write_text(out / RESULTS, json.dumps(content, indent=2) + "\n")
     blocks = _blocks(results)
     bold = [_table(scene, rows, bold=True) for scene, rows in blocks.items()]
     markdown = "\n\n".join(f"## {t.heading}\n\n{as_text(t)}" for t in bold)
-    run_folder.write_text(out / "table.md", f"{TEXT}\n\n{markdown}\n")
+    atomic.write_text(out / "table.md", f"{TEXT}\n\n{markdown}\n")
     latex = "\n\n".join(map(as_latex, bold))
-    run_folder.write_text(out / "table.tex", latex + "\n")
+    atomic.write_text(out / "table.tex", latex + "\n")
     write_csv(
         out / "table.csv",
         [
@@ -69,18 +68,16 @@ def write_tables(out: Path, results: Results) -> str:
     return markdown
 
 
-def read_results(out: Path) -> Results:
+def read_tables(out: Path) -> Results:
     """The results that ``write_tables`` wrote.
 
     Raises:
-        UserError: the folder holds none.
+        UserError: the folder holds none, or they are cut short.
     """
-    path = out / RESULTS
-    if not path.is_file():
-        raise UserError(f"{path}: not found; make the comparison with compare.py first")
+    read = atomic.read_json(out / RESULTS, "compare.py")
     return {
         scene: {name: Result(**result) for name, result in rows.items()}
-        for scene, rows in json.loads(path.read_text()).items()
+        for scene, rows in read.items()
     }
 
 

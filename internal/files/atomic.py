@@ -60,6 +60,52 @@ def writing(path: Path) -> Iterator[Path]:
             partial.unlink(missing_ok=True)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Writes a text file, in UTF-8, whole or not at all.
+
+    Raises:
+        UserError: the folder cannot be written or the disk is full.
+    """
+    with writing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+def ensure_folder(folder: Path) -> None:
+    """Makes a folder, with its parents, unless it is there.
+
+    Raises:
+        UserError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(
+            f"{folder}: cannot be made ({error.strerror}); free space or choose "
+            "another folder"
+        ) from error
+
+
+def read_json(path: Path, made_by: str) -> Any:
+    """The value in a JSON file that a script wrote.
+
+    Args:
+        made_by: which script, for the message.
+
+    Raises:
+        UserError: the file is missing, cannot be read or is cut short.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise UserError(f"{path}: not found; make it with {made_by}") from error
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise UserError(
+            f"{path}: is cut short or was changed; delete it and run {made_by} again"
+        ) from error
+
+
 def whole_lines(path: Path) -> list[Any]:
     """The values of a file of JSON lines; none if there is no file. A line that was
     cut short, by an interruption or a full disk, is left out."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from internal import poses
+from internal import poses, script
 from internal.errors import UserError
 from internal.prepare import statistics
 from internal.prepare.checks import Geometry, judge
@@ -20,7 +20,6 @@ from internal.scene.extent import Bounds, find_bounds
 from internal.scene.loading import fit_lenses, held_out
 from internal.scene.readers.base import SceneFiles
 
-TRAIN = "python train.py --gin_configs=configs/llnerf_best.gin"
 TRAINED_WIDTH = 500  # pixels: what a few minutes on a laptop train well
 
 
@@ -109,14 +108,13 @@ def summarize_failure(
 def train_command(scene: Path, width: int) -> str:
     """The command that trains a scene of photos of that width in pixels."""
     factor = max(1, round(width / TRAINED_WIDTH))
-    bindings = [
-        f"Config.data_dir = '{scene}'",
-        f"Config.checkpoint_dir = 'outputs/{scene.resolve().name}'",
-        "Config.max_minutes = 5.0",
-        *([f"Config.factor = {factor}"] if factor > 1 else []),
-    ]
-    flags = [f'--gin_bindings="{binding}"' for binding in bindings]
-    return " ".join([TRAIN, *flags])
+    bindings = ["Config.max_minutes = 5.0"]
+    bindings += [f"Config.factor = {factor}"] if factor > 1 else []
+    return script.command(
+        *("train.py", "--gin_configs=configs/llnerf_best.gin"),
+        *("--scene", scene, "--run", Path("outputs", scene.resolve().name)),
+        *(f"--gin_bindings={binding}" for binding in bindings),
+    )
 
 
 def sweep_angle(camtoworlds: Float[np.ndarray, "n 3 4"]) -> float:

@@ -24,6 +24,7 @@ from internal.poses import transform_poses
 from internal.scene import readers
 from internal.scene.colmap import lens_directions
 from internal.scene.extent import Bounds, Frame, choose_frame, find_bounds
+from internal.scene.identity import Identity, identify
 from internal.scene.loading import (
     GAINS_FILE,
     UINT16_ONE,
@@ -63,6 +64,7 @@ class Scene:
     near: float  # depth, in the pose file's units
     far: float
     model_from_world: Float[np.ndarray, "4 4"]  # similarity: pose file to model
+    identity: Identity  # of all views, whatever the split
 
     @functools.cached_property
     def brightness(self) -> float:
@@ -171,6 +173,7 @@ def load_scene(
         near=bounds.near,
         far=bounds.far,
         model_from_world=frame.model_from_world,
+        identity=identify(files, lenses, is_test, gains, bounds, frame),
     )
     _report(scene, files, is_test, bounds, frame, truth)
     if not images_dir:  # else the user chose, and LLE + NeRF chooses bright photos

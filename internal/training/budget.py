@@ -3,15 +3,15 @@
 
 The configured schedule is stretched as a whole to the steps that fit, by the step
 times measured on this machine. The stretched one stands in the run's config.json, so
-a run that goes on keeps it.
+a run that goes on keeps it; with more minutes it goes on for longer, the enhancement
+where it stands and the learning rates stretched.
 """
 
 import dataclasses
-import json
 import statistics
 import time
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -26,7 +26,8 @@ from internal.training.step import compiled_step, initial_state
 MEASURED_STEPS = 20  # of each phase
 UNMEASURED_STEPS = 3  # the first ones are slower
 SHARE_FOR_THE_REST = 0.97  # checkpoints, previews and a machine that slows down
-_SCHEDULE = ("max_steps", "enhance_start", "checkpoint_every", "preview_every")
+_SCALED = ("max_steps", "enhance_start", "checkpoint_every", "preview_every")
+SCHEDULE = frozenset(["Optimizer.warmup_steps", *(f"Train.{x}" for x in _SCALED)])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,21 +39,29 @@ class StepTimes:
     compilation: float
 
 
-def fit(config: Config, measure_steps: Callable[[], StepTimes]) -> Config:
-    """The configuration whose schedule fills ``Config.max_minutes`` from now on.
+def fit(
+    config: Config,
+    own: Config | None,
+    log: Sequence[Mapping[str, Any]],
+    measure_steps: Callable[[], StepTimes],
+) -> Config:
+    """The configuration whose schedule fills ``Config.max_minutes`` of training.
 
     Args:
+        own: that of the run in this folder, if one has begun. It keeps its schedule,
+            unless there are more minutes now than it was given, or none and then the
+            configured steps.
+        log: the lines it logged: steps, and seconds of training up to each.
         measure_steps: called only for a run that begins and has a budget.
 
     Raises:
         UserError: there is no time for a single step, or there are several
             processes, which would each measure another time.
     """
-    if not config.max_minutes:
+    if own and own.max_minutes:
+        return _go_on(config, own, log)
+    if own or not config.max_minutes:
         return config
-    saved = Path(config.checkpoint_dir) / "config.json"
-    if saved.is_file():
-        return _with_saved_schedule(config, saved)
     if jax.process_count() > 1:
         raise UserError(
             "Config.max_minutes is for one process; give several Train.max_steps"
@@ -70,6 +79,38 @@ def fit(config: Config, measure_steps: Callable[[], StepTimes]) -> Config:
     return fitted
 
 
+def with_schedule(config: Config, own: Config) -> Config:
+    """A configuration with the schedule that another one has."""
+    schedule = {name: getattr(own.train, name) for name in _SCALED}
+    return dataclasses.replace(
+        config,
+        train=dataclasses.replace(config.train, **schedule),
+        optimizer=dataclasses.replace(
+            config.optimizer, warmup_steps=own.optimizer.warmup_steps
+        ),
+    )
+
+
+def _go_on(config: Config, own: Config, log: Sequence[Mapping[str, Any]]) -> Config:
+    """The schedule of a run that was given minutes and goes on."""
+    kept = with_schedule(config, own)
+    steps = own.train.max_steps
+    if not config.max_minutes:
+        steps = config.train.max_steps
+        reason = "Train.max_steps, for Config.max_minutes is not given any more"
+    elif config.max_minutes > own.max_minutes and log:
+        seconds, done = log[-1]["seconds"], log[-1]["step"]
+        left = SHARE_FOR_THE_REST * (60.0 * config.max_minutes - seconds)
+        steps = max(steps, int(done + left * done / max(seconds, 1e-3)))
+        reason = f"fitted to Config.max_minutes = {config.max_minutes:g}"
+    else:
+        reason = f"fitted to Config.max_minutes = {own.max_minutes:g} when it began"
+    print(f"the run goes on to step {steps}: {reason}", flush=True)
+    return dataclasses.replace(
+        kept, train=dataclasses.replace(kept.train, max_steps=steps)
+    )
+
+
 def stretch(config: Config, seconds: float, times: StepTimes) -> Config:
     """The schedule in the same proportions, as long as ``seconds`` allow."""
     train = config.train
@@ -82,7 +123,7 @@ def stretch(config: Config, seconds: float, times: StepTimes) -> Config:
             f"(compiling {times.compilation:.0f} s, a step {step:.2f} s); give more"
         )
     factor = steps / train.max_steps
-    scaled = {name: max(1, round(factor * getattr(train, name))) for name in _SCHEDULE}
+    scaled = {name: max(1, round(factor * getattr(train, name))) for name in _SCALED}
     warmup = max(1, round(factor * config.optimizer.warmup_steps))
     return dataclasses.replace(
         config,
@@ -114,15 +155,3 @@ def measure(
             medians.append(statistics.median(seconds[UNMEASURED_STEPS:]))
     field, enhanced = medians
     return StepTimes(field, enhanced, compilation)
-
-
-def _with_saved_schedule(config: Config, saved: Path) -> Config:
-    """The schedule that this folder's run was given when it began."""
-    old = json.loads(saved.read_text())
-    schedule = {name: old["train"][name] for name in _SCHEDULE}
-    warmup = old["optimizer"]["warmup_steps"]
-    return dataclasses.replace(
-        config,
-        train=dataclasses.replace(config.train, **schedule),
-        optimizer=dataclasses.replace(config.optimizer, warmup_steps=warmup),
-    )

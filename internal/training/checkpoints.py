@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checkpoints through Orbax: atomic, the last few kept, whole ``TrainState``.
 
-Process 0 writes; every process takes part in saving and restoring.
+Process 0 writes; every process takes part in saving and restoring. Each array is a
+folder of its own: Orbax's other layout (OCDBT) looks for its parts with patterns, and
+finds none where a folder's name has a bracket. What was written is read back before it
+counts as saved.
 """
 
 import logging
@@ -9,12 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 import orbax.checkpoint as ocp
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from internal.configs import Config
-from internal.errors import UserError
+from internal.errors import UserError, one_line
 from internal.models import Model
+from internal.training import run_folder
 from internal.training.step import TrainState, initial_state
 
 logging.getLogger("absl").setLevel(logging.ERROR)
@@ -23,21 +28,22 @@ logging.getLogger("absl").setLevel(logging.ERROR)
 class Checkpoints:
     """The checkpoints of one run folder. Use as a context manager."""
 
-    def __init__(self, run_dir: Path, kept: int) -> None:
-        self.folder = (run_dir / "checkpoints").resolve()
+    def __init__(self, run: Path, kept: int) -> None:
+        self.folder = (run / run_folder.CHECKPOINTS).resolve()
+        self._kept = kept
         options = ocp.CheckpointManagerOptions(
-            max_to_keep=kept, create=True, enable_async_checkpointing=False
+            create=True, enable_async_checkpointing=False
         )
         try:
             self._manager = ocp.CheckpointManager(
                 self.folder,
                 options=options,
-                item_handlers=ocp.StandardCheckpointHandler(),
+                item_handlers=ocp.PyTreeCheckpointHandler(use_ocdbt=False),
             )
         except OSError as error:
             raise UserError(
                 f"{self.folder}: cannot be written ({error.strerror}); free space or "
-                "choose another Config.checkpoint_dir"
+                "choose another --run"
             ) from error
 
     def __enter__(self) -> "Checkpoints":
@@ -51,23 +57,32 @@ class Checkpoints:
         return self._manager.latest_step()
 
     def save(self, state: TrainState) -> None:
-        """Saves under ``state.step``, once; older checkpoints beyond the limit go.
+        """Saves under ``state.step``, once, and reads it back; then older checkpoints
+        beyond the limit go.
 
         Raises:
-            UserError: the disk is full or the folder is not writable.
+            UserError: the disk is full, the folder is not writable, or what is read
+                back is something else.
         """
         step = int(state.step)
         if step == self.latest_step():
             return
         try:
-            self._manager.save(step, args=ocp.args.StandardSave(state))
+            self._manager.save(step, args=ocp.args.PyTreeSave(state))
             self._manager.wait_until_finished()
-        except (OSError, ValueError) as error:
-            reason = " ".join(str(error).split())[:200]
+            intact = _equal(self._read(step, state), state)
+            for gone in self._manager.all_steps()[: -self._kept] if intact else [step]:
+                self._manager.delete(gone)
+        except (OSError, ValueError, KeyError) as error:
             raise UserError(
-                f"{self.folder}: step {step} could not be saved ({reason}); free "
-                "space; the checkpoints before it are intact"
+                f"{self.folder}: step {step} could not be saved ({one_line(error)}); "
+                "free space; the checkpoints before it are intact"
             ) from error
+        if not intact:
+            raise UserError(
+                f"{self.folder}: step {step} is not read back as it was saved; the "
+                "disk is failing: choose another --run"
+            )
 
     def restore(self, like: TrainState, mesh: Mesh) -> TrainState:
         """The newest state, whole on every device of ``mesh``.
@@ -76,31 +91,49 @@ class Checkpoints:
             like: a state, or ``jax.eval_shape`` of one, of the configured model.
 
         Raises:
-            UserError: there is none, or it holds a model of another shape.
+            UserError: there is none, it is damaged, or it holds a model of another
+                shape.
         """
         step = self.latest_step()
         if step is None:
             raise UserError(
-                f"{self.folder}: no checkpoint; train first, or correct "
-                "Config.checkpoint_dir"
-            )
-        # Compared before any array is read: a restore that fails half-way leaves
-        # Orbax's other reads calling into a closed event loop.
-        saved: Any = self._manager.item_metadata(step)
-        if _shapes(saved.tree["params"]) != _shapes(like.params):
-            raise UserError(
-                f"{self.folder}: step {step} holds a model of another shape than the "
-                "one configured; use the gin files and bindings it was trained with "
-                f"({self.folder.parent / 'config.json'})"
+                f"{self.folder}: no checkpoint; train first, or correct --run"
             )
         sharding = NamedSharding(mesh, PartitionSpec())
         target = jax.tree.map(
             lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=sharding), like
         )
-        restored: Any = self._manager.restore(
-            step, args=ocp.args.StandardRestore(target)
+        try:
+            # Compared before any array is read: a restore that fails half-way leaves
+            # Orbax's other reads calling into a closed event loop.
+            saved: Any = self._manager.item_metadata(step)
+            same_shape = _shapes(saved.tree["params"]) == _shapes(like.params)
+            if same_shape:
+                return self._read(step, target)
+        except Exception as error:  # whatever its libraries say of a damaged file
+            raise UserError(
+                f"{self.folder}: step {step} is damaged ({one_line(error)}); delete "
+                f"the folder {step} to go on from the checkpoint before it"
+            ) from error
+        raise UserError(
+            f"{self.folder}: step {step} holds a model of another shape than "
+            f"{self.folder.parent / run_folder.CONFIG} states; restore both, or train "
+            "into another folder"
         )
+
+    def _read(self, step: int, like: TrainState) -> TrainState:
+        """A saved state, placed as ``like`` is."""
+        arguments = ocp.args.PyTreeRestore(
+            like, restore_args=ocp.checkpoint_utils.construct_restore_args(like)
+        )
+        restored: Any = self._manager.restore(step, args=arguments)
         return restored
+
+
+def _equal(a: TrainState, b: TrainState) -> bool:
+    """Whether two states hold the same numbers."""
+    pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
+    return all(np.array_equal(np.asarray(x), np.asarray(y)) for x, y in pairs)
 
 
 def _shapes(params: Any) -> dict[str, tuple[int, ...]]:
@@ -115,11 +148,8 @@ def load_trained(config: Config, mesh: Mesh) -> tuple[Model, TrainState]:
         UserError: there is no checkpoint, or its model has another shape.
     """
     folder = Path(config.checkpoint_dir)
-    if not (folder / "checkpoints").is_dir():
-        raise UserError(
-            f"{folder}: holds no checkpoint; train first, or correct "
-            "Config.checkpoint_dir"
-        )
+    if not run_folder.has_begun(folder):
+        raise UserError(f"{folder}: holds no checkpoint; train first, or correct --run")
     model = Model(config.model)
     like = jax.eval_shape(lambda: initial_state(config, model))
     with Checkpoints(folder, config.train.checkpoints_kept) as checkpoints:

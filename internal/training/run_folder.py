@@ -1,16 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The folder of a run (``Config.checkpoint_dir``): configuration and logs.
+"""The folder of a run (``Config.checkpoint_dir``), which explains itself:
 
-``config.json`` is the configuration it was trained with, ``command.txt`` the
-command, ``metrics.jsonl`` one JSON object per log line with the seconds of training
-up to it, ``tensorboard/`` the same for TensorBoard, with pictures.
+    config.json      the configuration it is trained with (internal/saved_config.py)
+    scene.json       the scene it is trained on (internal/scene/identity.py)
+    command.txt      the last command that trained it
+    metrics.jsonl    one JSON object per log line, with the seconds of training up to it
+    tensorboard/     the same for TensorBoard, with pictures
+    checkpoints/     the last few states, a folder per step
+    training.lock    held by the training that is running
+
+A run has begun once it has a checkpoint. Whatever was left of one that had not is
+written over.
 """
 
+import contextlib
+import fcntl
 import json
 import shlex
 import sys
 import tempfile
 import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,90 +28,192 @@ import numpy as np
 from jaxtyping import Float
 from tensorboardX import SummaryWriter
 
-from internal import configs, parallel
+from internal import configs, parallel, saved_config
 from internal.configs import Config
 from internal.errors import UserError
 from internal.files import atomic
+from internal.scene import identity
+from internal.scene.identity import Identity
+from internal.training import budget
 
+CONFIG = "config.json"
+SCENE = "scene.json"
 LOG = "metrics.jsonl"
+LOCK = "training.lock"
+CHECKPOINTS = "checkpoints"
 
-# May differ when a run goes on: they change no number of the result, or only add; more
-# steps also stretch what is left of the schedules of the learning rates.
+# May differ when a run goes on or is used: they change no number of the result, only
+# add, or are checked in another way (scene.json); more steps also stretch what is left
+# of the schedules of the learning rates.
 _FREE = frozenset(
-    "checkpoint_dir max_image_memory render gt_dir train.max_steps train.log_every "
-    "train.checkpoint_every train.checkpoints_kept train.preview_every".split()
+    "Config.checkpoint_dir Config.data_dir Config.gt_dir Config.max_image_memory "
+    "Train.max_steps Train.log_every Train.checkpoint_every Train.checkpoints_kept "
+    "Train.preview_every".split()
 )
 
 
-def open_run(config: Config) -> Path:
-    """Makes the run folder, or checks that it holds a run of this configuration.
+def has_begun(folder: Path) -> bool:
+    """Whether there is a run with a checkpoint."""
+    checkpoints = folder / CHECKPOINTS
+    return checkpoints.is_dir() and any(p.name.isdigit() for p in checkpoints.iterdir())
+
+
+def own_config(folder: Path) -> Config | None:
+    """The configuration of the run in a folder, if one has begun."""
+    return saved_config.read(folder / CONFIG) if has_begun(folder) else None
+
+
+def config_to_train(gin_configs: Sequence[str], gin_bindings: Sequence[str]) -> Config:
+    """The configuration of a training. Bindings alone, without gin files, go on top of
+    the run's own configuration where the run has begun."""
+    named = configs.bound("Config.checkpoint_dir", gin_configs, gin_bindings)
+    if gin_configs or not has_begun(Path(named)):
+        return configs.load_config(gin_configs, gin_bindings)
+    saved = Path(named) / CONFIG
+    print(f"no gin file is given: the run goes on with its own {saved}", flush=True)
+    base = saved_config.as_bindings(saved_config.read(saved))
+    return configs.load_config([], gin_bindings, base)
+
+
+def config_of_run(gin_configs: Sequence[str], gin_bindings: Sequence[str]) -> Config:
+    """The configuration that a run was trained with, under what gin files and bindings
+    state; they have to name the run.
 
     Raises:
-        UserError: no folder is named, it cannot be written, or it holds a run
-            with other settings.
+        UserError: no run is named, there is none, or anything that is stated differs
+            from the run's own and may not.
+    """
+    named = configs.bound("Config.checkpoint_dir", gin_configs, gin_bindings)
+    if not named:
+        raise UserError("no run is named; give its folder: --run outputs/my_scene")
+    folder = Path(named)
+    if not has_begun(folder):
+        raise UserError(f"{folder}: holds no checkpoint; train first, or correct --run")
+    own = saved_config.read(folder / CONFIG)
+    base = saved_config.as_bindings(own)
+    config = configs.load_config(gin_configs, gin_bindings, base)
+    if own.max_minutes:
+        config = budget.with_schedule(config, own)
+    changed = _changed(own, config)
+    changed.pop("Config.max_minutes", None)
+    if changed:
+        raise UserError(
+            f"{folder}: trained with other settings ({_listed(changed)}); leave them "
+            "out: the run knows its own, only Render.* and folders may differ"
+        )
+    return config
+
+
+@contextlib.contextmanager
+def claimed(config: Config) -> Iterator[Path]:
+    """The run folder, made if need be, which no other training uses meanwhile.
+
+    The lock is the system's, on a file: it ends with the process, however that ends.
+    Of a run of several processes the writer holds it for all.
+
+    Raises:
+        UserError: no folder is named, it cannot be written, or another training uses
+            it.
     """
     if not config.checkpoint_dir:
         raise UserError(
-            "Config.checkpoint_dir is empty; name a folder for the results: "
-            "--gin_bindings=\"Config.checkpoint_dir = 'outputs/my_scene'\""
+            "no folder for the results is named; give one: --run outputs/my_scene"
         )
     folder = Path(config.checkpoint_dir)
-    saved = folder / "config.json"
-    if saved.is_file():
-        _check_same(saved, config)
-    make_folder(folder)
+    atomic.ensure_folder(folder)
+    with contextlib.ExitStack() as stack:
+        taken = False
+        if parallel.is_writer():
+            with atomic.naming(folder):
+                file = stack.enter_context((folder / LOCK).open("a"))
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                taken = True
+            except OSError as error:  # a file system without locks
+                print(f"{folder}: cannot be locked ({error.strerror}); start one "
+                      "training there at a time", flush=True)  # fmt: skip
+        if parallel.in_any_process(taken):
+            raise UserError(
+                f"{folder}: another training is running there; wait for it, or choose "
+                "another --run"
+            )
+        yield folder
+
+
+def open_run(config: Config, scene: Identity) -> Path:
+    """Writes what explains the run, or checks that the folder holds a run of this
+    configuration on this scene.
+
+    Raises:
+        UserError: it cannot be written, or it holds a run with other settings or of
+            another scene.
+    """
+    folder = Path(config.checkpoint_dir)
+    own = own_config(folder)
+    if own:
+        changed = _changed(own, config)
+        if changed:
+            raise UserError(
+                f"{folder / CONFIG}: this folder holds a run with other settings "
+                f"({_listed(changed)}); choose another --run or undo the change"
+            )
+        check_scene(folder, scene)
     if parallel.is_writer():
-        write_text(saved, configs.to_json(config))
-        write_text(folder / "command.txt", f"{shlex.join(sys.argv)}\n")
+        atomic.write_text(folder / CONFIG, saved_config.to_json(config))
+        atomic.write_text(folder / SCENE, json.dumps(scene, indent=1) + "\n")
+        atomic.write_text(folder / "command.txt", f"{shlex.join(sys.argv)}\n")
     return folder
 
 
-def make_folder(folder: Path) -> None:
-    """Makes a folder for results, with its parents."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
+def check_scene(folder: Path, scene: Identity, *, scored: bool = True) -> None:
+    """Compares a scene with the one the run was trained on; prints what changed.
+
+    Args:
+        scored: for what trains or scores, where any change makes wrong numbers. What
+            only looks at the model needs the same frame and no more.
+
+    Raises:
+        UserError: the result would be wrong.
+    """
+    trained_on = _read_scene(folder / SCENE)
+    changed = ", ".join(identity.changes(trained_on, scene))
+    if not changed:
+        return
+    if scored or identity.frame_changed(trained_on, scene):
         raise UserError(
-            f"{folder}: cannot be made ({error.strerror}); free space or choose "
-            "another Config.checkpoint_dir"
-        ) from error
-
-
-def write_text(path: Path, text: str) -> None:
-    """Writes a text file whole or not at all."""
-    with atomic.writing(path) as partial:
-        partial.write_text(text)
-
-
-def _check_same(saved: Path, config: Config) -> None:
-    """Stops a run from going on with settings it was not started with."""
-    old, new = (
-        _flat(json.loads(saved.read_text())),
-        _flat(json.loads(configs.to_json(config))),
-    )
-    changed = [
-        f"{name} was {old.get(name)!r}, is {new.get(name)!r}"
-        for name in sorted(old.keys() | new.keys())
-        if old.get(name) != new.get(name)
-        and not any(name == free or name.startswith(f"{free}.") for free in _FREE)
-    ]
-    if changed:
-        raise UserError(
-            f"{saved}: this folder holds a run with other settings "
-            f"({'; '.join(changed)}); choose another Config.checkpoint_dir or undo "
-            "the change"
+            f"{folder}: the scene is not the one it was trained on: {changed}; undo "
+            "that, name the scene as it was with --scene, or train another run"
         )
+    print(f"{folder}: the scene has changed since training: {changed}", flush=True)
 
 
-def _flat(tree: dict, prefix: str = "") -> dict:
-    """Nested dictionaries as one with dotted names."""
-    result = {}
-    for name, value in tree.items():
-        if isinstance(value, dict):
-            result |= _flat(value, f"{prefix}{name}.")
-        else:
-            result[prefix + name] = value
-    return result
+def _read_scene(path: Path) -> Identity:
+    try:
+        read = json.loads(path.read_text(encoding="utf-8"))
+        identity.changes(read, read)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UserError(
+            f"{path}: cannot be read, or another version of this program wrote it; "
+            "restore the file, or train into another folder"
+        ) from error
+    return read
+
+
+def _changed(old: Config, new: Config) -> dict[str, str]:
+    """Settings that differ and may not, by name."""
+    free = set(_FREE)
+    if old.max_minutes and (not new.max_minutes or new.max_minutes > old.max_minutes):
+        free |= {"Config.max_minutes", *budget.SCHEDULE}
+    return {
+        name: text
+        for name, text in saved_config.differences(old, new).items()
+        if name not in free and not name.startswith("Render.")
+    }
+
+
+def _listed(changed: dict[str, str]) -> str:
+    return "; ".join(f"{name} {text}" for name, text in changed.items())
 
 
 def training_seconds(folder: Path) -> float:
@@ -130,10 +242,11 @@ class RunLog:
             folder = Path(self._unread.name)
         _drop_after(folder, start_step)
         self._began = time.monotonic() - training_seconds(folder)
-        self._file = (folder / LOG).open("a")
-        self._board = SummaryWriter(
-            str(folder / "tensorboard"), purge_step=start_step + 1
-        )
+        with atomic.naming(folder):
+            self._file = (folder / LOG).open("a")
+            self._board = SummaryWriter(
+                str(folder / "tensorboard"), purge_step=start_step + 1
+            )
 
     def scalars(self, step: int, values: dict[str, float]) -> None:
         """One line of numbers for ``step``."""
@@ -165,4 +278,5 @@ def _drop_after(folder: Path, step: int) -> None:
     """Removes lines of steps that the checkpoint does not hold: they come again."""
     if (folder / LOG).is_file():
         kept = [row for row in read_log(folder) if row["step"] <= step]
-        write_text(folder / LOG, "".join(json.dumps(row) + "\n" for row in kept))
+        text = "".join(json.dumps(row) + "\n" for row in kept)
+        atomic.write_text(folder / LOG, text)

@@ -15,12 +15,12 @@ from scipy.spatial.transform import Rotation
 from internal.enhancements.look import Look
 from internal.errors import UserError
 from internal.files import image_io
+from internal.files.atomic import ensure_folder
 from internal.poses import transform_poses
 from internal.rendering import paths
 from internal.rendering.pictures import Display, pictures
 from internal.scene.scene import Scene
 from internal.structs import LitRendering, Rendering
-from internal.training.run_folder import make_folder
 
 SNAPSHOT = re.compile(r"snapshot_(\d+)\.json")
 
@@ -49,7 +49,7 @@ def write_snapshot(
     The JSON is a camera path of one pose, so it can be given to render.py; it also
     states the output, the training step and the light's gin bindings.
     """
-    make_folder(folder)
+    ensure_folder(folder)
     names = (SNAPSHOT.fullmatch(path.name) for path in folder.iterdir())
     taken = [int(name[1]) for name in names if name]
     path = folder / f"snapshot_{max(taken, default=0) + 1:03d}.png"
@@ -80,7 +80,7 @@ def write_path(
         raise UserError(
             f"path name {name!r}: use letters, digits, - and _, and no snapshot's name"
         )
-    make_folder(folder)
+    ensure_folder(folder)
     path = folder / f"{name}.json"
     paths.to_json(path, in_world(scene, camtoworlds), fps)
     return path

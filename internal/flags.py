@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command lines of all scripts that train, use or make a scene.
+
+They stand here and not in the scripts because nothing here takes time to import. The
+defaults of a capture and an export stand beside what they set: a flag of theirs that
+is not given is left out of the result, or None.
+"""
+
+import argparse
+from pathlib import Path
+
+DOCUMENTED = argparse.RawDescriptionHelpFormatter
+
+
+def train(text: str | None) -> argparse.ArgumentParser:
+    """train.py: a configuration, a scene, a run folder, and several processes."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
+    add_configuration(parser)
+    add_scene(parser)
+    add_run(parser)
+    parser.add_argument(
+        "--coordinator",
+        default="",
+        metavar="HOST:PORT",
+        help="address of process 0, when there are several",
+    )
+    parser.add_argument("--num_processes", type=int, default=1)
+    parser.add_argument("--process_id", type=int, default=0)
+    return parser
+
+
+def trained(text: str | None) -> argparse.ArgumentParser:
+    """eval.py, render.py: a run, and bindings that may differ from its own."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
+    add_run(parser)
+    add_scene(parser)
+    add_configuration(parser)
+    return parser
+
+
+def view(text: str | None) -> argparse.ArgumentParser:
+    """view.py: a run, and where to listen."""
+    parser = trained(text)
+    parser.add_argument(
+        "--host", default="127.0.0.1", help="0.0.0.0 lets other computers in"
+    )
+    parser.add_argument("--port", type=int, default=8080)
+    return parser
+
+
+def export(text: str | None) -> argparse.ArgumentParser:
+    """export.py: a run, and how much detail to export."""
+    parser = trained(text)
+    some = positive_int
+    parser.add_argument("--points", type=some, metavar="N", help="of the cloud, about")
+    parser.add_argument(
+        "--resolution", type=some, metavar="N", help="cells along the longest side"
+    )
+    parser.add_argument(
+        "--overwrite", action="store_true", help="replace an export made before"
+    )
+    return parser
+
+
+def sweep(text: str | None) -> argparse.ArgumentParser:
+    """sweep.py: what train.py takes, and variants of it."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
+    add_configuration(parser)
+    add_scene(parser)
+    add_run(parser)
+    parser.add_argument("--variants", nargs="*", default=[], metavar="VARIANT")
+    return parser
+
+
+def study(text: str | None) -> argparse.ArgumentParser:
+    """study.py: a page to make, or answers to draw."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
+    commands = parser.add_subparsers(dest="command", required=True)
+    make = commands.add_parser("make", help="a page that shows pairs of pictures")
+    make.add_argument("out", type=Path, help="folder to make")
+    make.add_argument("methods", nargs="+", metavar="NAME=FOLDER")
+    make.add_argument("--views", type=int, default=10, help="at random; 0: all")
+    make.add_argument("--seed", type=int, default=0, help="of the choice of views")
+    make.add_argument("--overwrite", action="store_true")
+    chart = commands.add_parser("chart", help="the bar chart of downloaded answers")
+    chart.add_argument("out", type=Path, help="folder to write to")
+    chart.add_argument("answers", nargs="+", type=Path, metavar="CSV")
+    return parser
+
+
+def make_scene(text: str | None) -> argparse.ArgumentParser:
+    """make_scene.py: a still life to render, or a dataset to darken."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
+    commands = parser.add_subparsers(dest="command", required=True)
+    night = commands.add_parser(
+        "night",
+        help="a synthetic still life, rendered",
+        argument_default=argparse.SUPPRESS,
+    )
+    night.add_argument("--views", type=positive_int, default=30)
+    night.add_argument("--width", type=positive_int, default=160, help="pixels")
+    night.add_argument("--height", type=positive_int, default=120, help="pixels")
+    dark = commands.add_parser(
+        "darken",
+        help="a normal-light dataset, darkened",
+        argument_default=argparse.SUPPRESS,
+    )
+    dark.add_argument("data_dir", type=Path, help="dataset with its pose files")
+    dark.add_argument("--images", default="", help="folder of its pictures to take")
+    for command in (night, dark):
+        _add_capture(command)
+    return parser
+
+
+def _add_capture(parser: argparse.ArgumentParser) -> None:
+    """What a ``CaptureModel`` is made of, and where the scene goes."""
+    parser.add_argument("out", type=Path, help="folder to make")
+    parser.add_argument("--exposure", type=float, help="1 is normal light")
+    parser.add_argument(
+        "--full-well", type=float,
+        help="photo-electrons at white, fewer are noisier; inf for no noise",
+    )  # fmt: skip
+    parser.add_argument("--read-noise", type=float, help="electrons")
+    parser.add_argument(
+        "--gains", type=float, nargs=3, action=_Tuple, dest="channel_gains",
+        metavar=("R", "G", "B"), help="colour cast",
+    )  # fmt: skip
+    parser.add_argument("--seed", type=int, help="of the noise")
+    parser.add_argument(
+        "--overwrite", action="store_true", default=False,
+        help="replace a scene made before",
+    )  # fmt: skip
+
+
+def prepare(text: str | None) -> argparse.ArgumentParser:
+    """prepare.py: photos to make a scene of, or a scene to check."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
+    parser.add_argument("photos", type=Path, nargs="?", help="folder or video")
+    parser.add_argument("scene", type=Path, nargs="?", help="folder to make")
+    parser.add_argument(
+        "--pose-images", type=Path, help="bright twins of the photos, used for poses"
+    )
+    parser.add_argument(
+        "--gt", type=Path, help="normal-light twins of the photos, for scores"
+    )
+    parser.add_argument(
+        "--overwrite", action="store_true", help="start again over a scene made before"
+    )
+    parser.add_argument("--check", type=Path, metavar="SCENE", help="check a scene")
+    parser.add_argument(
+        "--reference", type=Path, help="scene of the same photos to compare poses with"
+    )
+    parser.add_argument(
+        "--report", type=Path, help="with --check: folder for the page (SCENE/report)"
+    )
+    return parser
+
+
+def add_configuration(parser: argparse.ArgumentParser) -> None:
+    """``--gin_configs`` and ``--gin_bindings``, each as often as wanted."""
+    parser.add_argument(
+        "--gin_configs", action="append", default=[], metavar="FILE", help="gin file"
+    )
+    add_bindings(parser)
+
+
+def add_bindings(parser: argparse.ArgumentParser) -> None:
+    """``--gin_bindings``, as often as wanted."""
+    parser.add_argument(
+        "--gin_bindings",
+        action="append",
+        default=[],
+        metavar="BINDING",
+        help='for example "Render.exposure = 0.5"',
+    )
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    """``--scene``, which is short for a binding of ``Config.data_dir``."""
+    _add_folder(parser, "--scene", "Config.data_dir", "of photos with their poses")
+
+
+def add_run(parser: argparse.ArgumentParser) -> None:
+    """``--run``, which is short for a binding of ``Config.checkpoint_dir``."""
+    _add_folder(parser, "--run", "Config.checkpoint_dir", "of the training's results")
+
+
+def _add_folder(
+    parser: argparse.ArgumentParser, flag: str, name: str, text: str
+) -> None:
+    parser.add_argument(
+        flag,
+        dest="gin_bindings",
+        action="append",
+        default=[],
+        type=lambda folder: f"{name} = {str(Path(folder).expanduser())!r}",
+        metavar="FOLDER",
+        help=f"{text}; short for {name}",
+    )
+
+
+class _Tuple(argparse.Action):
+    """Stores several values as a tuple: what is frozen has no lists."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        setattr(namespace, self.dest, tuple(values or ()))
+
+
+def positive_int(text: str) -> int:
+    """A whole number above 0, as argparse converts."""
+    value = int(text)
+    if value < 1:
+        raise ValueError(text)
+    return value

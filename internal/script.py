@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How every script starts and ends. Imports nothing that takes time.
+
+A script that computes asks ``begin`` before its other imports, which take seconds:
+help and wrong flags are then answered at once.
+"""
+
+import argparse
+import os
+import shlex
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from types import FrameType
+
+from internal import process
+from internal.errors import Diverged, UserError
+
+USER_ERROR_EXIT = 2
+FAILURE_EXIT = 1  # what nobody can fix beforehand, such as a loss that diverges
+
+
+def begin(parser: argparse.ArgumentParser, *, computes: bool = True) -> None:
+    """Answers ``--help`` and wrong flags; a script that computes then starts again,
+    once, with the variables that ``process`` wants."""
+    parser.parse_args()
+    if computes:
+        process.restart_tuned()
+
+
+def run(main: Callable[[Sequence[str]], int]) -> None:
+    """Runs ``main(argv)`` and exits: one line and code 2 for a ``UserError``."""
+    try:
+        code = main(sys.argv[1:])
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        code = USER_ERROR_EXIT
+    except Diverged as error:
+        print(f"error: {error}", file=sys.stderr)
+        code = FAILURE_EXIT
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        code = 128 + signal.SIGINT
+    sys.stdout.flush()
+    sys.exit(code)
+
+
+def command(*words: object) -> str:
+    """A command line to copy into a shell, such as ``python eval.py --run 'a b'``."""
+    return shlex.join(["python", *map(str, words)])
+
+
+class Interruption:
+    """Notices Ctrl-C and SIGTERM while it is entered, so that the loop can save and
+    leave. A second signal leaves at once."""
+
+    def __init__(self) -> None:
+        self.signal = 0
+
+    def __enter__(self) -> "Interruption":
+        numbers = (signal.SIGINT, signal.SIGTERM)
+        self._before = {n: signal.signal(n, self._notice) for n in numbers}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def __bool__(self) -> bool:
+        return self.signal != 0
+
+    @property
+    def exit_code(self) -> int:
+        """What a shell expects of a process ended by that signal; 0 without one."""
+        return 128 + self.signal if self.signal else 0
+
+    def _notice(self, number: int, frame: FrameType | None) -> None:
+        if self.signal:
+            os._exit(128 + number)
+        self.signal = number
