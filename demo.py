@@ -11,7 +11,7 @@ from pathlib import Path
 
 from internal import script
 from internal.files import image_io
-from internal.pages import contact_sheet, tables
+from internal.pages import contact_sheet, scores
 from internal.scoring.baselines import gain_to_mean
 
 SCENE = Path("scenes/night")
@@ -51,7 +51,7 @@ def main(argv: Sequence[str]) -> int:
         f"\nvideo:        {RUN / 'render' / 'spiral' / 'enhanced.mp4'}"
         f"\nside by side: {comparison}"
         f"\nmetrics:      {folder / 'metrics.json'}, {folder / 'index.html'}"
-        f"\n\n{tables.read_table(folder / 'metrics.json')}"
+        f"\n\n{scores.read_table(folder / 'metrics.json')}"
     )
     return 0
 

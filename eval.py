@@ -22,7 +22,7 @@ from internal import cli, parallel, progress
 from internal.color import from_uint16
 from internal.files import atomic, image_io
 from internal.files.listing import flat_pngs
-from internal.pages import pages, report, tables
+from internal.pages import pages, report, scores, tables
 from internal.rendering.pictures import display_for, outputs_of, pictures
 from internal.rendering.renderer import Renderer
 from internal.scoring import evaluation
@@ -74,7 +74,7 @@ def main(argv: Sequence[str]) -> int:
     mean = evaluation.mean_scores(views)
     result = {"step": int(state.step), "views": views, "mean": mean}
     atomic.write_text(folder / "metrics.json", json.dumps(result, indent=2) + "\n")
-    table = tables.score_table(mean, "Scores, mean over test views")
+    table = scores.score_table(mean, "Scores, mean over test views")
     pages.write_index(
         folder,
         f"{scene.name}: test views at step {int(state.step)}",

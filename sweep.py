@@ -2,7 +2,7 @@
 """Trains and scores variants of a configuration on one scene, and compares them.
 
 python sweep.py --gin_configs=configs/llnerf_fast.gin --scene my_scene \
-    --run outputs/ablation --variants configs/ablations/*.gin "a: Model.deg_view = 3"
+    --run outputs/ablation --variants configs/ablations/*.gin "g=0.2: Gamma.gray = 0.2"
 
 A variant is a gin file, or a label, a colon and bindings with ; between them. Each
 trains in a folder of its name in that of --run, on top of the flags; the flags alone

@@ -86,7 +86,7 @@ def test_every_field_is_read_somewhere():
 
 def test_json_holds_every_section():
     saved = json.loads(saved_config.to_json(load_config([], [])))
-    assert saved["model"]["num_samples"] == [128, 128]
+    assert saved["model"]["enhancement"]["gamma0"] == 2.2
     assert {"losses", "optimizer", "train", "render"} <= saved.keys()
 
 
