@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     else:
         facts = darken(
             args.data_dir, args.out, model,
-            images_dir=args.images, overwrite=args.overwrite,
+            images_dir=args.images, jpeg_quality=args.jpeg, overwrite=args.overwrite,
         )  # fmt: skip
     print(
         f"{args.out}: dark pictures average {facts['dark_level']:.1f} of 255, "
@@ -55,6 +55,10 @@ def _parser() -> argparse.ArgumentParser:
     dark = commands.add_parser("darken", help="a normal-light dataset, darkened")
     dark.add_argument("data_dir", type=Path, help="dataset with its pose files")
     dark.add_argument("--images", default="", help="folder of its pictures to take")
+    dark.add_argument(
+        "--jpeg", type=int, default=0, metavar="QUALITY",
+        help="1 to 100, of a JPEG that the dark pictures go through; 0 for none",
+    )  # fmt: skip
     for command in (night, dark):
         _add_capture_arguments(command)
     return parser

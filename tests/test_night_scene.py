@@ -26,7 +26,7 @@ from internal.night import (
     still_life,
     textures,
 )
-from internal.night.capture import NORMAL_LIGHT, CaptureModel
+from internal.night.capture import NORMAL_LIGHT, CaptureModel, capture, view_key
 from internal.night.shading import Surface
 from internal.scene.scene import load_scene
 
@@ -387,7 +387,7 @@ def test_tiny_scenes_are_refused(tmp_path):
 
 
 @pytest.fixture
-def dataset(night, tmp_path):
+def bright_scene(night, tmp_path):
     """A normal-light dataset of one picture folder: the night scene's truth."""
     folder = tmp_path / "bright"
     shutil.copytree(night[0] / "high", folder / "images")
@@ -399,16 +399,16 @@ def dataset(night, tmp_path):
 
 
 def test_a_darkened_dataset_keeps_its_format_and_pairs_with_its_originals(
-    dataset, tmp_path
+    bright_scene, tmp_path
 ):
     out = tmp_path / "dark"
-    facts = darken.darken(dataset, out, NOISE_FREE)
-    original = (dataset / "images" / "003.png").read_bytes()
+    facts = darken.darken(bright_scene, out, NOISE_FREE)
+    original = (bright_scene / "images" / "003.png").read_bytes()
     assert (out / "high" / "003.png").read_bytes() == original
     assert facts["views"] == 7
-    poses = (dataset / "transforms.json").read_text()
+    poses = (bright_scene / "transforms.json").read_text()
     assert (out / "transforms.json").read_text() == poses
-    bright = load_scene(dataset, split="train")
+    bright = load_scene(bright_scene, split="train")
     dark = load_scene(out, split="train")
     assert len(dark.truth) == len(dark.images) == len(bright.images)
     np.testing.assert_array_equal(dark.truth[0], bright.images[0])
@@ -419,32 +419,62 @@ def test_a_darkened_dataset_keeps_its_format_and_pairs_with_its_originals(
 
 def test_splits_in_two_folders_pair_by_folder(night, tmp_path):
     """NeRF's synthetic scenes repeat their file names in train and test."""
-    dataset, out = tmp_path / "bright", tmp_path / "dark"
+    bright_scene, out = tmp_path / "bright", tmp_path / "dark"
     for split in ("train", "test"):
         content = json.loads((night[0] / f"transforms_{split}.json").read_text())
-        (dataset / split).mkdir(parents=True)
+        (bright_scene / split).mkdir(parents=True)
         for number, frame in enumerate(content["frames"]):
             source = night[0] / "high" / frame["file_path"].split("/")[1]
-            shutil.copy(source, dataset / split / f"r_{number}.png")
+            shutil.copy(source, bright_scene / split / f"r_{number}.png")
             frame["file_path"] = f"./{split}/r_{number}"
-        (dataset / f"transforms_{split}.json").write_text(json.dumps(content))
-    darken.darken(dataset, out, NOISE_FREE)
+        (bright_scene / f"transforms_{split}.json").write_text(json.dumps(content))
+    darken.darken(bright_scene, out, NOISE_FREE)
     for split in ("train", "test"):
-        scene, bright = (load_scene(folder, split=split) for folder in (out, dataset))
+        scene, bright = (
+            load_scene(folder, split=split) for folder in (out, bright_scene)
+        )
         np.testing.assert_array_equal(scene.truth[1], bright.images[1])
 
 
-def test_darkening_refuses_pairs_and_the_dataset_itself(night, dataset):
+def test_darkening_refuses_pairs_and_the_dataset_itself(night, bright_scene):
     with pytest.raises(UserError, match="truth already"):
-        darken.darken(night[0], dataset / "out", NORMAL_LIGHT)
+        darken.darken(night[0], bright_scene / "out", NORMAL_LIGHT)
     with pytest.raises(UserError, match="dataset itself"):
-        darken.darken(dataset, dataset / "out", NORMAL_LIGHT)
+        darken.darken(bright_scene, bright_scene / "out", NORMAL_LIGHT)
 
 
-def test_the_script_makes_darkens_and_says_so(dataset, tmp_path, capsys):
+def test_the_script_makes_darkens_and_says_so(bright_scene, tmp_path, capsys):
     out = tmp_path / "dark"
-    arguments = ["darken", str(dataset), str(out), "--exposure", "0.05", "--seed", "3"]
+    arguments = [
+        "darken",
+        str(bright_scene),
+        str(out),
+        "--exposure",
+        "0.05",
+        "--seed",
+        "3",
+    ]
     assert make_scene.main(arguments) == 0
     assert str(out) in capsys.readouterr().out
     recorded = json.loads((out / "made_with.json").read_text())["settings"]
     assert (recorded["exposure"], recorded["seed"]) == (0.05, 3)
+
+
+@pytest.mark.parametrize("ending", [".png", ".jpg"])
+def test_darkened_photos_can_go_through_a_jpeg_whatever_they_are_stored_as(
+    bright_scene, tmp_path, ending
+):
+    for path in (bright_scene / "images").iterdir():
+        image_io.write(path.with_suffix(ending), image_io.read_srgb(path))
+    poses = bright_scene / "transforms.json"
+    poses.write_text(poses.read_text().replace(".png", ending))
+    for quality, folder in ((0, "plain"), (60, "compressed")):
+        darken.darken(bright_scene, tmp_path / folder, NOISE_FREE, jpeg_quality=quality)
+    name = f"images/003{ending}"
+    bright = image_io.read_srgb(bright_scene / name)
+    dark = capture(color.srgb_to_linear(bright), NOISE_FREE, view_key(NOISE_FREE, 0))
+    image_io.write(tmp_path / "x.jpg", dark / np.float32(255), jpeg_quality=60)
+    compressed = image_io.read_srgb(tmp_path / "compressed" / name)
+    np.testing.assert_array_equal(compressed, image_io.read_srgb(tmp_path / "x.jpg"))
+    assert not np.array_equal(compressed, image_io.read_srgb(tmp_path / "plain" / name))
+    assert "quality 60" in (tmp_path / "compressed" / "README.txt").read_text()

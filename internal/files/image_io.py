@@ -16,6 +16,7 @@ from internal.errors import UserError
 from internal.files import atomic
 
 FONT = "DroidSans"
+BEST_JPEG = 98
 EXTENSIONS = frozenset(
     ".png .jpg .jpeg .tif .tiff .webp .bmp .exr .hdr .jp2 .jxl .tga .ppm".split()
 )
@@ -88,14 +89,23 @@ def read_exif(path: Path) -> Exif:
     return Exif(" ".join(word.strip() for word in words if word.strip()), focal)
 
 
-def write(path: Path, srgb: Float[np.ndarray, "height width channels"]) -> None:
+def write(
+    path: Path,
+    srgb: Float[np.ndarray, "height width channels"],
+    jpeg_quality: int = BEST_JPEG,
+) -> None:
     """Writes 8-bit (PNG, JPEG) or float (EXR) by the name's ending, atomically.
+
+    Args:
+        jpeg_quality: 1 to 100, of a JPEG, whose colours are at half the size (4:2:0)
+            as in cameras.
 
     Raises:
         UserError: the folder cannot be written or the disk is full.
     """
     buffer = oiio.ImageBuf(np.ascontiguousarray(np.asarray(srgb, np.float32)))
     buffer.set_write_format("float" if path.suffix == ".exr" else "uint8")
+    buffer.specmod()["Compression"] = f"jpeg:{jpeg_quality}"  # no other format heeds it
     with atomic.writing(path) as partial:
         if not buffer.write(str(partial)):
             reason = " ".join(buffer.geterror().split())
