@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Renders a camera path of a trained model to videos, under any light edit.
 
-python render.py with the flags of train.py writes CHECKPOINT_DIR/render/PATH. The
-path and the light are bindings: "Render.path = 'spiral'" (ellipse, views, or a JSON
-file), "Render.exposure = 0.5" (stops), "Render.temperature = 4000.0" (kelvin),
-"Render.strength = 0.7" (0 dark, 1 enhanced), "Render.tint = 0.3" (stops of magenta),
-"Render.contrast = 1.2". Run again, it renders what is missing.
+python render.py with the flags of train.py writes CHECKPOINT_DIR/render/PATH. The path
+is a spiral for views that face one way, else it goes around the subject among them;
+"Render.path = 'ellipse'" (spiral, around, views, or a JSON file) chooses another. The
+light is bindings too: "Render.exposure = 0.5" (stops), "Render.temperature = 4000.0"
+(kelvin), "Render.strength = 0.7" (0 dark, 1 enhanced), "Render.tint = 0.3" (stops of
+magenta), "Render.contrast = 1.2". Run again, it renders what is missing.
 """
 
 if __name__ == "__main__":  # before the imports: they would happen twice
