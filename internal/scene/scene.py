@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from internal.cameras import Cameras, Lens
+from internal.cameras import NODES, Cameras, Lens
 from internal.coord import ForwardFacing, Unbounded
 from internal.errors import UserError
 from internal.files.picture_store import Picture, hold
 from internal.poses import transform_poses
 from internal.scene import readers
-from internal.scene.colmap import lens_directions
+from internal.scene.colmap import lens_table
 from internal.scene.extent import Bounds, Frame, choose_frame, find_bounds
 from internal.scene.loading import (
     GAINS_FILE,
@@ -183,11 +183,10 @@ def posed_cameras(
 ) -> Cameras:
     """Cameras with these lenses; tables of different ones lie end to end."""
     different = list(dict.fromkeys(lenses))
-    sizes = [lens.width * lens.height for lens in different]
-    starts = dict(zip(different, np.cumsum([0, *sizes]), strict=False))
+    starts = {lens: NODES**2 * index for index, lens in enumerate(different)}
     return Cameras(
         camtoworlds=camtoworlds.astype(np.float32),
-        directions=np.concatenate([lens_directions(lens) for lens in different]),
+        directions=np.concatenate([lens_table(lens) for lens in different]),
         table_starts=np.array([starts[lens] for lens in lenses], np.int32),
         widths=np.array([lens.width for lens in lenses], np.int32),
         heights=np.array([lens.height for lens in lenses], np.int32),
