@@ -88,6 +88,7 @@ def load_scene(
     end_at_far: bool = False,
     holdout: int = 8,
     photo_gains: bool = True,
+    unrounded: bool = False,
     max_image_memory: float = np.inf,
 ) -> Scene:
     """Loads one split of a scene and prints what was found and how.
@@ -115,6 +116,8 @@ def load_scene(
         photo_gains: the light of each photo over the scene's, from the file that
             prepare.py writes, where there is one; training then explains the photos
             by it and renderings are free of it. Not for other ``images_dir``.
+        unrounded: takes the steps of rounding out of the colours of the training
+            photos (``internal/scene/unround.py``); test photos stay as they are.
         max_image_memory: gigabytes of pictures to keep in memory; more lie in a
             temporary file.
 
@@ -138,6 +141,7 @@ def load_scene(
     frame = choose_frame(files, lenses, bounds, projection, end_at_far)
     truth = find_truth(files, data_dir, gt_dir)
     own_photos = photo_gains and not images_dir
+    unrounds = unrounded and split == "train"
     gains = load_gains(data_dir, files.image_paths, own_photos)
 
     views = np.flatnonzero(is_test == (split == "test"))
@@ -156,7 +160,10 @@ def load_scene(
             posed_cameras(own_lenses, camtoworlds), gains=gains[views]
         ),
         images=hold(
-            (load_picture(files.image_paths[v], lenses[v]) for v in views),
+            (
+                load_picture(files.image_paths[v], lenses[v], unrounded=unrounds)
+                for v in views
+            ),
             max_image_memory,
         ),
         truth=hold(
