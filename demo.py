@@ -48,7 +48,7 @@ def main(argv: Sequence[str]) -> int:
     ]
     contact_sheet.side_by_side(labelled, comparison)
     print(
-        f"\nvideo:        {RUN / 'render' / 'spiral' / 'enhanced.mp4'}"
+        f"\nvideo:        {RUN / 'render' / 'auto' / 'enhanced.mp4'}"
         f"\nside by side: {comparison}"
         f"\nmetrics:      {folder / 'metrics.json'}, {folder / 'index.html'}"
         f"\n\n{scores.read_table(folder / 'metrics.json')}"

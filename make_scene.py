@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     else:
         facts = darken(
             args.data_dir, args.out, model,
-            images_dir=args.images, overwrite=args.overwrite,
+            images_dir=args.images, jpeg_quality=args.jpeg, overwrite=args.overwrite,
         )  # fmt: skip
     print(
         f"{args.out}: dark pictures average {facts['dark_level']:.1f} of 255, "

@@ -3,9 +3,10 @@
 
 python render.py --run outputs/night --gin_bindings="Render.exposure = 0.5"
 
-Writes the folder render/PATH of the run. The path and the light are bindings:
-"Render.path = 'spiral'" (ellipse, views, or a JSON file), "Render.exposure = 0.5"
-(stops), "Render.temperature = 4000.0" (kelvin),
+Writes the folder render/PATH of the run. The path is a spiral for views that face one
+way, else it goes around the subject among them; "Render.path = 'ellipse'" (spiral,
+around, views, or a JSON file) chooses another. The light is bindings too:
+"Render.exposure = 0.5" (stops), "Render.temperature = 4000.0" (kelvin),
 "Render.strength = 0.7" (0 dark, 1 enhanced), "Render.tint = 0.3" (stops of magenta),
 "Render.contrast = 1.2". Run again, it renders what is missing.
 """

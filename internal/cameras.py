@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cameras and the rays they see.
 
-Frames: OpenGL everywhere (x right, y up, z towards the viewer). A camera is a
-table of directions, one per pixel centre, in its own frame, so every lens model
-costs the same and photos are never resampled: distortion bends the rays.
-Cameras that share a lens share its table. Tables of all lenses lie end to end in
-one flat array, which lets pictures of different sizes live in one scene.
+Frames: OpenGL everywhere (x right, y up, z towards the viewer). A lens is a table of
+directions in the camera's own frame, so every lens model costs the same and photos are
+never resampled: distortion bends the rays. A table has ``NODES`` by ``NODES`` rows, the
+corners among them the centres of the corner pixels; between them directions are linear,
+which is exact for a pinhole and within a twentieth of a pixel for others (tested). A
+table takes 200 kB whatever the photo's size, so each photo may have a lens of its own.
+Cameras that share a lens share its table; all lie end to end in one flat array, which
+lets pictures of different sizes live in one scene.
 """
 
 import dataclasses
@@ -17,6 +20,8 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from internal.coord import Space
+
+NODES = 129  # of a lens table, along each side
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +39,7 @@ class Lens:
 
 @struct.dataclass
 class Cameras:
-    """Posed cameras of ``n`` views over ``k`` pixels of lens tables."""
+    """Posed cameras of ``n`` views over ``k`` rows of lens tables."""
 
     camtoworlds: Float[Array | np.ndarray, "n 3 4"]
     directions: Float[Array | np.ndarray, "k 3"]  # camera frame, not unit length
@@ -66,6 +71,11 @@ class Rays:
     radii: Float[Array, "*batch 1"]  # of the cone at t = 1 (mip-NeRF, Sec. 3.1)
 
 
+def node_positions(size: int) -> Float[np.ndarray, " nodes"]:
+    """Where the nodes of a table lie along a side of ``size`` pixels, in pixels."""
+    return np.linspace(0.5, size - 0.5, NODES)
+
+
 def pixel_directions(
     cameras: Cameras,
     view: Int[Array, "*batch"],
@@ -73,12 +83,27 @@ def pixel_directions(
     y: Int[Array, "*batch"],
 ) -> tuple[Float[Array, "*batch 3"], Float[Array, "*batch 3"]]:
     """World-frame (origins, directions) through the centres of pixels (x, y)."""
-    row = cameras.table_starts[view] + y * cameras.widths[view] + x
-    camtoworld = cameras.camtoworlds[view]
-    directions = jnp.einsum(
-        "...ij,...j->...i", camtoworld[..., :3], cameras.directions[row]
+    column, right = _between_nodes(x, cameras.widths[view])
+    row, down = _between_nodes(y, cameras.heights[view])
+    node = cameras.table_starts[view] + row * NODES + column
+    above, below = (
+        (1.0 - right) * cameras.directions[first]
+        + right * cameras.directions[first + 1]
+        for first in (node, node + NODES)
     )
+    local = (1.0 - down) * above + down * below
+    camtoworld = cameras.camtoworlds[view]
+    directions = jnp.einsum("...ij,...j->...i", camtoworld[..., :3], local)
     return camtoworld[..., 3], directions
+
+
+def _between_nodes(
+    pixel: Int[Array, "*batch"], size: Int[Array, "*batch"]
+) -> tuple[Int[Array, "*batch"], Float[Array, "*batch 1"]]:
+    """The node before a pixel's centre, and how far it is on to the next, 0 to 1."""
+    place = pixel * ((NODES - 1) / jnp.maximum(size - 1, 1))
+    node = jnp.minimum(place.astype(jnp.int32), NODES - 2)
+    return node, (place - node)[..., None]
 
 
 def cast_rays(

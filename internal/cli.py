@@ -55,5 +55,6 @@ def load_split(config: Config, split: str) -> Scene:
         end_at_far=config.end_at_far,
         holdout=config.holdout,
         photo_gains=config.photo_gains,
+        unrounded=config.unrounded,
         max_image_memory=config.max_image_memory,
     )

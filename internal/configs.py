@@ -100,7 +100,7 @@ class TrainConfig:
 class RenderConfig(Look):
     """Camera path, light and size of what render.py writes."""
 
-    path: str = "spiral"  # spiral, ellipse, views, or a JSON file
+    path: str = "auto"  # spiral, ellipse, around, views, or a JSON file
     frames: int = 120
     fps: int = 30
     chunk: int = 4096  # rays per call; lower it when memory runs out
@@ -124,6 +124,7 @@ class Config:
     end_at_far: bool = False  # ndc: rays end at far, not at infinity
     holdout: int = 8  # every n-th view is a test view where files state no split
     photo_gains: bool = True  # exposures.json, where the scene has one
+    unrounded: bool = False  # training photos' colours; internal/scene/unround.py
     max_image_memory: float = 4.0  # GB of pictures in memory; more stay on disk
     max_minutes: float = 0.0  # stretches the schedule to this time; 0: as configured
     model: ModelConfig = dataclasses.field(default_factory=ModelConfig)

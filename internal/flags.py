@@ -107,6 +107,10 @@ def make_scene(text: str | None) -> argparse.ArgumentParser:
     )
     dark.add_argument("data_dir", type=Path, help="dataset with its pose files")
     dark.add_argument("--images", default="", help="folder of its pictures to take")
+    dark.add_argument(
+        "--jpeg", type=int, default=0, metavar="QUALITY",
+        help="1 to 100, of a JPEG that the dark pictures go through; 0 for none",
+    )  # fmt: skip
     for command in (night, dark):
         _add_capture(command)
     return parser

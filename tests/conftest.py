@@ -11,7 +11,7 @@ import pytest
 
 import make_scene
 import train as train_script
-from internal.cameras import Cameras
+from internal.cameras import Cameras, node_positions
 from internal.configs import Config, load_config
 from internal.coord import ForwardFacing
 
@@ -84,7 +84,7 @@ def tiny_config() -> Config:
 def tiny_cameras() -> Cameras:
     """Three pinhole views of 10 x 8 pixels, side by side, looking along -z."""
     width, height, views = 10, 8, 3
-    y, x = np.meshgrid(np.arange(height) + 0.5, np.arange(width) + 0.5, indexing="ij")
+    x, y = np.meshgrid(node_positions(width), node_positions(height))
     directions = np.stack([(x - 5) / 10, -(y - 4) / 10, -np.ones_like(x)], axis=-1)
     camtoworlds = np.tile(np.eye(4)[:3], (views, 1, 1))
     camtoworlds[:, 0, 3] = np.linspace(-0.2, 0.2, views)

@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rays from pixels."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from internal.cameras import cast_rays, pixel_directions
 from internal.coord import Unbounded
+from internal.scene import colmap
+from internal.scene.scene import posed_cameras
+from tests.test_colmap import LENSES
 
 WORLD = Unbounded(jnp.float32(0.5), jnp.float32(10.0))
 
@@ -41,3 +46,22 @@ def test_ndc_radius_is_that_of_the_near_plane(tiny_cameras, ndc):
     # x: 0.1 * 2 and y: 0.1 * 2.5 apart in NDC, everywhere along the ray.
     np.testing.assert_allclose(rays.radii, [[0.45 / np.sqrt(12)]], rtol=1e-5)
     np.testing.assert_allclose(np.linalg.norm(rays.viewdirs, axis=-1), 1.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("lens", LENSES, ids=lambda lens: lens.model)
+def test_a_small_table_holds_a_large_lens_to_a_fraction_of_a_pixel(lens):
+    large = colmap.scale_lens(lens, 30 * lens.width, 30 * lens.height)
+    cameras = posed_cameras([large], np.eye(4)[None, :3])
+    rng = np.random.default_rng(0)
+    x, y = rng.integers(0, [[large.width], [large.height]], (2, 2000))
+    places = (jnp.zeros(2000, int), jnp.asarray(x), jnp.asarray(y))
+    _, directions = pixel_directions(jax.tree.map(jnp.asarray, cameras), *places)
+    pixels = np.stack([x, y], axis=-1) + 0.5
+    rays = colmap.pixel_rays(large, pixels)
+    beside = colmap.pixel_rays(large, pixels + np.array([0.0, 0.1]))
+    found = np.asarray(directions, np.float64)
+    found /= np.linalg.norm(found, axis=-1, keepdims=True)
+    pixel = np.linalg.norm(beside - rays, axis=-1) / 0.1
+    error = np.linalg.norm(found - rays, axis=-1) / pixel
+    assert np.max(error) < (1e-3 if lens.model.endswith("PINHOLE") else 0.05)
+    assert cameras.directions.nbytes < 2e5 < 12 * large.width * large.height

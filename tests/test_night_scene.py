@@ -27,7 +27,7 @@ from internal.night import (
     still_life,
     textures,
 )
-from internal.night.capture import NORMAL_LIGHT, CaptureModel
+from internal.night.capture import NORMAL_LIGHT, CaptureModel, capture, view_key
 from internal.night.shading import Surface
 from internal.scene.scene import load_scene
 
@@ -420,18 +420,18 @@ def test_a_darkened_dataset_keeps_its_format_and_pairs_with_its_originals(
 
 def test_splits_in_two_folders_pair_by_folder(night, tmp_path):
     """NeRF's synthetic scenes repeat their file names in train and test."""
-    dataset, out = tmp_path / "bright", tmp_path / "dark"
+    originals, out = tmp_path / "bright", tmp_path / "dark"
     for split in ("train", "test"):
         content = json.loads((night[0] / f"transforms_{split}.json").read_text())
-        (dataset / split).mkdir(parents=True)
+        (originals / split).mkdir(parents=True)
         for number, frame in enumerate(content["frames"]):
             source = night[0] / "high" / frame["file_path"].split("/")[1]
-            shutil.copy(source, dataset / split / f"r_{number}.png")
+            shutil.copy(source, originals / split / f"r_{number}.png")
             frame["file_path"] = f"./{split}/r_{number}"
-        (dataset / f"transforms_{split}.json").write_text(json.dumps(content))
-    darken.darken(dataset, out, NOISE_FREE)
+        (originals / f"transforms_{split}.json").write_text(json.dumps(content))
+    darken.darken(originals, out, NOISE_FREE)
     for split in ("train", "test"):
-        scene, bright = (load_scene(folder, split=split) for folder in (out, dataset))
+        scene, bright = (load_scene(folder, split=split) for folder in (out, originals))
         np.testing.assert_array_equal(scene.truth[1], bright.images[1])
 
 
@@ -481,3 +481,23 @@ def test_the_script_makes_darkens_and_says_so(originals, tmp_path, capsys):
     assert str(out) in capsys.readouterr().out
     recorded = json.loads((out / "made_with.json").read_text())["settings"]
     assert (recorded["exposure"], recorded["seed"]) == (0.05, 3)
+
+
+@pytest.mark.parametrize("ending", [".png", ".jpg"])
+def test_darkened_photos_can_go_through_a_jpeg_whatever_they_are_stored_as(
+    originals, tmp_path, ending
+):
+    for path in (originals / "images").iterdir():
+        image_io.write(path.with_suffix(ending), image_io.read_srgb(path))
+    poses = originals / "transforms.json"
+    poses.write_text(poses.read_text().replace(".png", ending))
+    for quality, folder in ((0, "plain"), (60, "compressed")):
+        darken.darken(originals, tmp_path / folder, NOISE_FREE, jpeg_quality=quality)
+    name = f"images/003{ending}"
+    bright = image_io.read_srgb(originals / name)
+    dark = capture(color.srgb_to_linear(bright), NOISE_FREE, view_key(NOISE_FREE, 0))
+    image_io.write(tmp_path / "x.jpg", dark / np.float32(255), jpeg_quality=60)
+    compressed = image_io.read_srgb(tmp_path / "compressed" / name)
+    np.testing.assert_array_equal(compressed, image_io.read_srgb(tmp_path / "x.jpg"))
+    assert not np.array_equal(compressed, image_io.read_srgb(tmp_path / "plain" / name))
+    assert "quality 60" in (tmp_path / "compressed" / "README.txt").read_text()

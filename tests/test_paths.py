@@ -41,6 +41,16 @@ def _ring(n: int = 24) -> np.ndarray:
     return np.stack([right, np.cross(back, right), back, positions], axis=-1)
 
 
+def _arc(turned: int = 3, way: int = 1) -> np.ndarray:
+    """Half of the ring, in no order; of so many cameras one lies on its side: on the
+    left or, with ``way`` -1, on the right."""
+    arc = np.random.default_rng(0).permutation(_ring(48)[:24])
+    sides = arc[::turned]
+    right, up = way * sides[:, :, 0], way * sides[:, :, 1]
+    arc[::turned] = np.stack([-up, right, sides[:, :, 2], sides[:, :, 3]], axis=-1)
+    return arc
+
+
 def _poses(rotations: Rotation, positions: np.ndarray) -> np.ndarray:
     return np.concatenate([rotations.as_matrix(), positions[..., None]], axis=-1)
 
@@ -52,6 +62,8 @@ def _steps(camtoworlds: np.ndarray) -> np.ndarray:
 PATHS = {
     "spiral": lambda n: paths.spiral(_forward_facing(), NEAR, FAR, n),
     "ellipse": lambda n: paths.ellipse(_ring(), n),
+    "around": lambda n: paths.around(_arc(), n),
+    "tour": lambda n: paths.tour(_arc(), n),
     "along_views": lambda n: paths.along_views(_forward_facing(), n),
     "along_ring": lambda n: paths.along_views(_ring(), n),
 }
@@ -243,3 +255,33 @@ def test_bad_json_names_the_file_and_what_was_expected(tmp_path, text):
 def test_missing_json_is_the_users_error(tmp_path):
     with pytest.raises(UserError, match=r"none\.json"):
         paths.from_json(tmp_path / "none.json")
+
+
+def test_views_that_go_all_the_way_around_are_followed_by_an_ellipse():
+    np.testing.assert_array_equal(paths.around(_ring(), 30), paths.ellipse(_ring(), 30))
+
+
+def test_views_that_go_halfway_around_are_never_left():
+    """Where an ellipse would stand 6 units from the nearest view."""
+    views = _arc()
+    path = paths.around(views, 60)
+    apart = np.linalg.norm(path[:, None, :, 3] - views[None, :, :, 3], axis=-1)
+    assert apart.min(axis=1).max() < 0.4
+    distance = np.linalg.norm(path[:, :, 3] - SUBJECT, axis=-1)
+    np.testing.assert_allclose(distance, np.sqrt(10.0), rtol=0.02)
+
+
+@pytest.mark.parametrize("turned", [1, 3])
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_tour_looks_at_the_subject_and_stays_upright(turned, way):
+    path = paths.tour(_arc(turned, way), 60)
+    to_subject = SUBJECT - path[:, :, 3]
+    to_subject /= np.linalg.norm(to_subject, axis=-1, keepdims=True)
+    np.testing.assert_allclose(-path[:, :, 2], to_subject, atol=1e-2)
+    assert path[:, 2, 1].min() > 0.9  # the world's up is z, of quarter-turned views too
+
+
+def test_an_ellipse_of_views_from_one_side_is_level():
+    """Their mean up leans, their rights do not."""
+    path = paths.ellipse(_ring(48)[:24], 30)
+    assert np.ptp(path[:, 2, 3]) < 1e-6

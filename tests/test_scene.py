@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from internal import poses
-from internal.cameras import Lens, pixel_directions
+from internal.cameras import NODES, Lens, pixel_directions
 from internal.coord import ForwardFacing, Unbounded
 from internal.errors import UserError
 from internal.files import image_io
@@ -397,8 +397,8 @@ class TestPictures:
         edit_json(path, lambda c: c["frames"][0].update(fl_x=30.0, w=12.0, cx=6.0))
         image_io.write(tmp_path / "images" / "05.png", flat_picture(5.0, 12, 18))
         cameras = load(tmp_path, holdout=0, **BOUNDS).cameras
-        assert cameras.directions.shape == (24 * 18 + 12 * 18, 3)
-        np.testing.assert_array_equal(cameras.table_starts, [0, 0, 0, 0, 0, 24 * 18])
+        assert cameras.directions.shape == (2 * NODES**2, 3)
+        np.testing.assert_array_equal(cameras.table_starts, [0, 0, 0, 0, 0, NODES**2])
         np.testing.assert_array_equal(cameras.widths, [24, 24, 24, 24, 24, 12])
         assert all(
             isinstance(getattr(cameras, field.name), np.ndarray)

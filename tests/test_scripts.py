@@ -191,7 +191,7 @@ def test_evaluation_writes_pictures_and_scores(run):
 def test_rendering_writes_videos_and_goes_on_where_it_stopped(scene, run):
     arguments = [f"--run={run}"]
     assert render_script.main(arguments) == 0
-    folder = run / "render" / "spiral"
+    folder = run / "render" / "auto"
     for name in "enhanced dark v r depth".split():
         with av.open(folder / f"{name}.mp4") as video:
             assert video.streams.video[0].frames == 3
@@ -207,7 +207,7 @@ def test_rendering_writes_videos_and_goes_on_where_it_stopped(scene, run):
 
 
 def test_other_light_renders_anew_and_only_changes_the_enhanced_scene(scene, run):
-    folder = run / "render" / "spiral"
+    folder = run / "render" / "auto"
     render_script.main(flags(scene, run))
     plain = image_io.read_srgb(folder / "enhanced" / "0000.png")
     dark = (folder / "dark" / "0000.png").read_bytes()

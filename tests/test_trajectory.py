@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from internal.configs import RenderConfig
+from internal.coord import Unbounded
 from internal.errors import UserError
 from internal.poses import transform_poses
 from internal.rendering import paths
@@ -24,7 +25,7 @@ def scene(tmp_path_factory):
     return load_scene(folder, split="train")
 
 
-@pytest.mark.parametrize("path", ["spiral", "ellipse", "views"])
+@pytest.mark.parametrize("path", ["auto", "spiral", "ellipse", "around", "views"])
 def test_a_path_has_its_frames_and_the_lens_of_the_scene(scene, path):
     cameras = path_cameras(scene, dataclasses.replace(RENDER, path=path))
     assert len(cameras) == 5
@@ -45,3 +46,13 @@ def test_a_file_holds_poses_in_the_frame_of_the_pose_file(scene, tmp_path):
 def test_an_unknown_path_is_named(scene):
     with pytest.raises(UserError, match="zigzag"):
         path_cameras(scene, dataclasses.replace(RENDER, path="zigzag"))
+
+
+def test_auto_is_a_spiral_only_for_views_that_face_one_way(scene):
+    def positions(path, space=scene.space):
+        render = dataclasses.replace(RENDER, path=path)
+        return path_cameras(dataclasses.replace(scene, space=space), render).camtoworlds
+
+    np.testing.assert_array_equal(positions("auto"), positions("spiral"))
+    around = Unbounded(np.float32(0.5), np.float32(9.0))
+    np.testing.assert_array_equal(positions("auto", around), positions("around"))

@@ -22,6 +22,7 @@ from internal.files import atomic, color_profile, heif
 from internal.files.color_profile import Encoding
 
 FONT = "DroidSans"
+BEST_JPEG = 98
 TRANSPOSED = range(5, 9)  # EXIF orientations that swap width and height
 EXTENSIONS = heif.EXTENSIONS | frozenset(
     ".png .jpg .jpeg .jpe .jfif .jif .jfi .tif .tiff .webp .bmp .dib .exr .hdr .jp2 "
@@ -120,16 +121,24 @@ def read_exif(path: Path) -> Exif:
 
 
 def write(
-    path: Path, srgb: Float[np.ndarray, "height width channels"], bits: int = 8
+    path: Path,
+    srgb: Float[np.ndarray, "height width channels"],
+    bits: int = 8,
+    jpeg_quality: int = BEST_JPEG,
 ) -> None:
     """Writes integers of 8 bits (or 16, in PNG and TIFF), or in EXR the values as
     they are, by the name's ending, atomically.
+
+    Args:
+        jpeg_quality: 1 to 100, of a JPEG, whose colours are at half the size (4:2:0)
+            as in cameras.
 
     Raises:
         UserError: the folder cannot be written or the disk is full.
     """
     buffer = oiio.ImageBuf(np.ascontiguousarray(np.asarray(srgb, np.float32)))
     buffer.set_write_format("float" if path.suffix == ".exr" else f"uint{bits}")
+    buffer.specmod()["Compression"] = f"jpeg:{jpeg_quality}"  # no other format heeds it
     with atomic.writing(path) as partial:
         if not buffer.write(str(partial)):
             reason = " ".join(buffer.geterror().split())

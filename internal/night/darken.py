@@ -9,9 +9,12 @@ the truth, in the folder ``high``.
 import dataclasses
 import os
 import shutil
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
+import numpy as np
+from jaxtyping import Float
 from tqdm import tqdm
 
 from internal import color
@@ -26,13 +29,17 @@ from internal.scene.pairing import find_truth_folder
 TRUTH = "high"
 POSE_FILES = ("transforms*.json", "poses_bounds.npy", "sparse", "colmap")
 
+NO_JPEG = """Names that end in .jpg are
+JPEG files, whose compression adds its own small error."""
+JPEG = """Every picture went through a
+JPEG file of quality {quality}, whose colours are at half the size."""
+
 README = """A low-light version of {source}.
 
 Dark pictures lie where that dataset has its pictures: the same light at exposure
 {exposure:.4g}, with photon noise (full well {full_well:g} electrons), read noise
 ({read_noise:g} electrons), channel gains {channel_gains}, clipping, sRGB curve and 8
-bits; seed {seed}. high/ holds the originals as the truth. Names that end in .jpg are
-JPEG files, whose compression adds its own small error.
+bits; seed {seed}. high/ holds the originals as the truth. {compression}
 """
 
 
@@ -42,6 +49,7 @@ def darken(
     model: CaptureModel,
     *,
     images_dir: str = "",
+    jpeg_quality: int = 0,
     overwrite: bool = False,
 ) -> Facts:
     """Writes the dark twin of a dataset, or reuses the one made with these settings.
@@ -52,6 +60,8 @@ def darken(
         model: of the dark captures; a view's noise depends on its place by name.
         images_dir: folder in ``data_dir`` of the pictures to take, e.g. images_8;
             "" takes the ones that the pose files state.
+        jpeg_quality: 1 to 100, of a JPEG file that every dark picture goes through,
+            whatever it is stored as; 0 for none.
         overwrite: writes anew over a folder with other settings.
 
     Returns:
@@ -64,12 +74,16 @@ def darken(
     _check(data_dir, folder, files.image_paths)
     settings = {
         **{"darkened": str(data_dir.resolve()), "images_dir": images_dir},
+        **({"jpeg_quality": jpeg_quality} if jpeg_quality else {}),
         **dataclasses.asdict(model),
     }
+    compression = JPEG.format(quality=jpeg_quality) if jpeg_quality else NO_JPEG
 
     def fill(partial: Path) -> Facts:
         _copy_pose_files(data_dir, partial)
-        text = README.format(source=data_dir.name, **dataclasses.asdict(model))
+        text = README.format(
+            source=data_dir.name, compression=compression, **dataclasses.asdict(model)
+        )
         (partial / "README.txt").write_text(text)
         truth = _truth_names(files.names, files.image_paths)
         levels = {"dark_level": 0.0, "truth_level": 0.0}
@@ -80,12 +94,25 @@ def darken(
             inside = _absolute(source).relative_to(_absolute(data_dir))
             target = partial / image_io.writable(inside)
             target.parent.mkdir(parents=True, exist_ok=True)
-            image_io.write(target, color.quantize(dark / 255.0))
+            _store(target, color.quantize(dark / 255.0), jpeg_quality)
             levels["dark_level"] += float(dark.mean()) / len(truth)
             levels["truth_level"] += 255.0 * float(srgb.mean()) / len(truth)
         return levels | {"views": len(truth)}
 
     return make_folder(folder, settings, fill, overwrite=overwrite)
+
+
+def _store(path: Path, srgb: Float[np.ndarray, "_h _w 3"], jpeg_quality: int) -> None:
+    """Writes a picture, through a JPEG file if there is a quality for it."""
+    if not jpeg_quality:
+        image_io.write(path, srgb)
+    elif path.suffix.lower() in (".jpg", ".jpeg"):
+        image_io.write(path, srgb, jpeg_quality)
+    else:
+        with tempfile.TemporaryDirectory() as scratch:
+            compressed = Path(scratch) / "photo.jpg"
+            image_io.write(compressed, srgb, jpeg_quality)
+            image_io.write(path, image_io.read_srgb(compressed))
 
 
 def _check(data_dir: Path, folder: Path, image_paths: Sequence[Path]) -> None:

@@ -14,12 +14,20 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import PchipInterpolator, interp1d
+from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from internal.errors import UserError
 from internal.files.atomic import writing
 from internal.poses import focus_point
+
+FEWEST_AROUND = 8  # views: fewer say nothing about what lies between them
+CLOSE = 0.5
+LEVEL = 0.1  # rights of views that are held level spread so much less along up
+CLEAR = 0.5  # mean cosine between the ups of views and up
+TOUR_POINTS = 2048
+SMOOTHING = 0.1  # of a tour's length: deviation of its running mean
 
 JSON_FORM = (
     'expected {"camera_path": [{"camera_to_world": [16 numbers, row-major 4x4, '
@@ -77,10 +85,10 @@ def ellipse(
     ``radius_percentile`` per cent of the views reach; its height is their mean.
 
     Args:
-        camtoworlds: the training views, at least 3; up is the mean of their own.
+        camtoworlds: the training views, at least 3; up is across all their rights.
         n: number of poses; the one after the last would be the first.
     """
-    up = _unit(camtoworlds[:, :, 1].mean(axis=0))
+    up = _upwards(camtoworlds)
     focus = focus_point(camtoworlds)
     offsets = camtoworlds[:, :, 3] - focus
     level = offsets - np.outer(offsets @ up, up)
@@ -90,6 +98,51 @@ def ellipse(
     around = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * radii
     positions = focus + np.mean(offsets @ up) * up + around @ axes
     return _look_at(positions, focus, up)
+
+
+def around(
+    camtoworlds: Float[np.ndarray, "views 3 4"], n: int
+) -> Float[np.ndarray, "{n} 3 4"]:
+    """What suits views that surround their subject: an ellipse where they go all the
+    way around it, else a tour. No pose is farther from every view than views may be
+    from each other (``CLOSE`` of their mean distance from the subject)."""
+    if len(camtoworlds) >= FEWEST_AROUND:
+        path = ellipse(camtoworlds, n)
+        reach = np.linalg.norm(camtoworlds[:, :, 3] - focus_point(camtoworlds), axis=-1)
+        if _farthest(path, camtoworlds) < CLOSE * reach.mean():
+            return path
+    return tour(camtoworlds, n)
+
+
+def tour(
+    camtoworlds: Float[np.ndarray, "views 3 4"], n: int
+) -> Float[np.ndarray, "{n} 3 4"]:
+    """Smooth path past all views, there and back, looking at what they look at.
+
+    Positions, distances from the subject and ups are running means along a line
+    through views without jumps, so the path stays among them however they stand.
+
+    Args:
+        n: number of poses; the one after the last would be the first.
+    """
+    ordered = camtoworlds[_visiting_order(_distances(camtoworlds))]
+    place = np.concatenate([[0.0], np.cumsum(np.diagonal(_distances(ordered), 1))])
+    dense = np.linspace(0.0, place[-1], TOUR_POINTS)
+    focus = focus_point(camtoworlds)
+    offsets = ordered[:, :, 3] - focus
+    reach = np.linalg.norm(offsets, axis=-1, keepdims=True)
+    values = np.concatenate([offsets, reach, _held_upright(ordered)], axis=1)
+    line = interp1d(place, values, axis=0)(dense) if place[-1] > 0.0 else values[:1]
+    line = gaussian_filter1d(line, SMOOTHING * TOUR_POINTS, axis=0, mode="nearest")
+    swing = 0.5 - 0.5 * np.cos(np.linspace(0.0, 2.0 * np.pi, n, endpoint=False))
+    steps = np.linalg.norm(np.diff(line[:, :3], axis=0), axis=-1)
+    travelled = np.concatenate([[0.0], np.cumsum(steps)])
+    nearest = np.searchsorted(travelled, swing * travelled[-1])
+    chosen = line[np.minimum(nearest, len(line) - 1)]
+    back, ups = _unit(chosen[:, :3]), chosen[:, 4:]
+    right = _unit(np.cross(ups, back))
+    positions = focus + chosen[:, 3:4] * back
+    return np.stack([right, np.cross(back, right), back, positions], axis=-1)
 
 
 def along_views(
@@ -189,6 +242,44 @@ def _mean_pose(
     centre = camtoworlds[:, :, 3].mean(axis=0)
     back, up = camtoworlds[:, :, 2].mean(axis=0), camtoworlds[:, :, 1].mean(axis=0)
     return _look_at(centre[None], centre - back, up)[0]
+
+
+def _upwards(camtoworlds: Float[np.ndarray, "views 3 4"]) -> Float[np.ndarray, " 3"]:
+    """The axis that is level in no view, where there is one; else their mean up.
+
+    The mean up leans away from a subject that views look down on from one side.
+    """
+    mean = _unit(camtoworlds[:, :, 1].mean(axis=0))
+    rights = camtoworlds[:, :, 0]
+    spread, axes = np.linalg.eigh(rights.T @ rights / len(rights))
+    if spread[0] > LEVEL * spread[1]:
+        return mean
+    return axes[:, 0] * (1.0 if axes[:, 0] @ mean > 0.0 else -1.0)
+
+
+def _held_upright(
+    camtoworlds: Float[np.ndarray, "n 3 4"],
+) -> Float[np.ndarray, "n 3"]:
+    """The up of each view, or one of its other sides where the camera was turned by
+    quarters: the sides that agree best with those of all others."""
+    right, up = camtoworlds[:, :, 0], camtoworlds[:, :, 1]
+    sides = np.stack([up, right, -up, -right], axis=1)
+    agreement = np.einsum("isc,jtc->isjt", sides, sides).max(axis=-1).sum(axis=-1)
+    common = sides.reshape(-1, 3)[np.argmax(agreement)]
+    heights = (camtoworlds[:, :, 3] - focus_point(camtoworlds)) @ common
+    upright = float(np.mean(up @ common))
+    # Where most cameras lay on their side, people still look down on things.
+    if (upright if abs(upright) > CLEAR else float(np.mean(heights))) < 0.0:
+        common = -common
+    return sides[np.arange(len(sides)), np.argmax(sides @ common, axis=1)]
+
+
+def _farthest(
+    path: Float[np.ndarray, "n 3 4"], camtoworlds: Float[np.ndarray, "views 3 4"]
+) -> float:
+    """Greatest distance of a position on a path from its nearest view."""
+    apart = path[:, None, :, 3] - camtoworlds[None, :, :, 3]
+    return float(np.linalg.norm(apart, axis=-1).min(axis=1).max())
 
 
 def _look_at(

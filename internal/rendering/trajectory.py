@@ -8,6 +8,7 @@ import numpy as np
 
 from internal.cameras import Cameras
 from internal.configs import RenderConfig
+from internal.coord import ForwardFacing
 from internal.poses import transform_poses
 from internal.rendering import paths
 from internal.scene.scene import Scene
@@ -16,20 +17,27 @@ from internal.scene.scene import Scene
 def path_cameras(scene: Scene, render: RenderConfig) -> Cameras:
     """Cameras along ``render.path`` with the lens and size of the first view.
 
+    ``auto`` is a spiral for views that face one way, else ``around``.
+
     Raises:
         UserError: the path is no known name and no readable JSON file.
     """
     camtoworlds = np.asarray(scene.cameras.camtoworlds, np.float64)
     scale = float(np.cbrt(np.linalg.det(scene.model_from_world[:3, :3])))
-    if render.path == "spiral":
+    path = render.path
+    if path == "auto":
+        path = "spiral" if isinstance(scene.space, ForwardFacing) else "around"
+    if path == "spiral":
         near, far = scale * scene.near, scale * scene.far
         poses = paths.spiral(camtoworlds, near, far, render.frames)
-    elif render.path == "ellipse":
+    elif path == "ellipse":
         poses = paths.ellipse(camtoworlds, render.frames)
-    elif render.path == "views":
+    elif path == "around":
+        poses = paths.around(camtoworlds, render.frames)
+    elif path == "views":
         poses = paths.along_views(camtoworlds, render.frames)
     else:
-        in_world = paths.from_json(Path(render.path))
+        in_world = paths.from_json(Path(path))
         poses = transform_poses(scene.model_from_world, in_world)
     first = scene.cameras.take(np.zeros(len(poses), np.int32))
     return dataclasses.replace(first, camtoworlds=poses.astype(np.float32))

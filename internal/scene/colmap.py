@@ -17,7 +17,7 @@ import numpy as np
 import pycolmap
 from jaxtyping import Float, UInt8
 
-from internal.cameras import Lens
+from internal.cameras import Lens, node_positions
 from internal.errors import UserError
 
 # It reports every file it reads and every attempt that fails on stderr.
@@ -61,7 +61,23 @@ def lens_directions(lens: Lens) -> Float[np.ndarray, "pixels 3"]:
     Raises:
         UserError: the lens is invalid, or a pixel has no direction.
     """
-    rays = pixel_rays(lens, _pixel_centres(lens).reshape(-1, 2))
+    return _directions(lens, _pixel_centres(lens).reshape(-1, 2))
+
+
+def lens_table(lens: Lens) -> Float[np.ndarray, "nodes 3"]:
+    """The directions of ``lens_directions`` at the nodes of a table, row by row.
+
+    Raises:
+        UserError: the lens is invalid, or a node has no direction.
+    """
+    x, y = node_positions(lens.width), node_positions(lens.height)
+    return _directions(lens, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+
+
+def _directions(
+    lens: Lens, pixels: Float[np.ndarray, "m 2"]
+) -> Float[np.ndarray, "m 3"]:
+    rays = pixel_rays(lens, pixels)
     if has_depth(lens):
         rays = rays / -rays[:, 2:]
     return rays.astype(np.float32)

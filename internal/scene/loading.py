@@ -20,6 +20,7 @@ from internal.files.listing import list_pictures
 from internal.scene import colmap
 from internal.scene.pairing import find_truth_folder, pair_by_name
 from internal.scene.readers.base import SceneFiles
+from internal.scene.unround import is_rounded, unround
 
 ROTATION_TOLERANCE = 1e-2  # hand-written JSON drifts; a mirror or a scale does not pass
 ASPECT_TOLERANCE = 0.02
@@ -123,9 +124,18 @@ def find_truth(files: SceneFiles, data_dir: Path, gt_dir: str) -> Truth:
     return Truth(paths, f"{folder}, paired by {rule}: {shown}")
 
 
-def load_picture(path: Path, lens: Lens) -> UInt16[np.ndarray, "_h _w 3"]:
-    """A picture at the size of its lens."""
-    return _shrink(image_io.read_srgb(path), lens)
+def load_picture(
+    path: Path, lens: Lens, *, unrounded: bool = False
+) -> UInt16[np.ndarray, "_h _w 3"]:
+    """A picture at the size of its lens; ``unrounded``: see ``internal/scene/unround``.
+
+    Unrounded after shrinking, which keeps the bounds of rounding and costs less.
+    """
+    srgb = image_io.read_srgb(path)
+    shrunk = _fit(srgb, lens)
+    if unrounded and is_rounded(srgb):
+        shrunk = unround(shrunk)
+    return _to_uint16(shrunk)
 
 
 def load_gains(
@@ -183,12 +193,16 @@ def load_truth(
         )
     if difference == 1:
         print(f"warning: {path}: one pixel off {dark_path}; resized to its size")
-    return _shrink(truth, lens)
+    return _to_uint16(_fit(truth, lens))
 
 
-def _shrink(
+def _fit(
     srgb: Float[np.ndarray, "_h _w 3"], lens: Lens
-) -> UInt16[np.ndarray, "_h2 _w2 3"]:
-    if srgb.shape[:2] != (lens.height, lens.width):
-        srgb = image_io.resize_area(srgb, lens.width, lens.height)
+) -> Float[np.ndarray, "_h2 _w2 3"]:
+    if srgb.shape[:2] == (lens.height, lens.width):
+        return srgb
+    return image_io.resize_area(srgb, lens.width, lens.height)
+
+
+def _to_uint16(srgb: Float[np.ndarray, "_h _w 3"]) -> UInt16[np.ndarray, "_h _w 3"]:
     return np.round(np.clip(srgb, 0.0, 1.0) * UINT16_ONE).astype(np.uint16)

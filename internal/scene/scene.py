@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from internal.cameras import Cameras, Lens
+from internal.cameras import NODES, Cameras, Lens
 from internal.coord import ForwardFacing, Unbounded
 from internal.errors import UserError
 from internal.files.picture_store import Picture, hold
 from internal.poses import transform_poses
 from internal.scene import readers
-from internal.scene.colmap import lens_directions
+from internal.scene.colmap import lens_table
 from internal.scene.extent import Bounds, Frame, choose_frame, find_bounds
 from internal.scene.identity import Identity, identify
 from internal.scene.loading import (
@@ -91,6 +91,7 @@ def load_scene(
     end_at_far: bool = False,
     holdout: int = 8,
     photo_gains: bool = True,
+    unrounded: bool = False,
     max_image_memory: float = np.inf,
 ) -> Scene:
     """Loads one split of a scene and prints what was found and how.
@@ -118,6 +119,8 @@ def load_scene(
         photo_gains: the light of each photo over the scene's, from the file that
             prepare.py writes, where there is one; training then explains the photos
             by it and renderings are free of it. Not for other ``images_dir``.
+        unrounded: takes the steps of rounding out of the colours of the training
+            photos (``internal/scene/unround.py``); test photos stay as they are.
         max_image_memory: gigabytes of pictures to keep in memory; more lie in a
             temporary file.
 
@@ -141,6 +144,7 @@ def load_scene(
     frame = choose_frame(files, lenses, bounds, projection, end_at_far)
     truth = find_truth(files, data_dir, gt_dir)
     own_photos = photo_gains and not images_dir
+    unrounds = unrounded and split == "train"
     gains = load_gains(data_dir, files.image_paths, own_photos)
 
     views = np.flatnonzero(is_test == (split == "test"))
@@ -157,7 +161,10 @@ def load_scene(
         lenses=own_lenses,
         cameras=posed_cameras(own_lenses, camtoworlds),
         images=hold(
-            (load_picture(files.image_paths[v], lenses[v]) for v in views),
+            (
+                load_picture(files.image_paths[v], lenses[v], unrounded=unrounds)
+                for v in views
+            ),
             max_image_memory,
         ),
         truth=hold(
@@ -186,11 +193,10 @@ def posed_cameras(
 ) -> Cameras:
     """Cameras with these lenses; tables of different ones lie end to end."""
     different = list(dict.fromkeys(lenses))
-    sizes = [lens.width * lens.height for lens in different]
-    starts = dict(zip(different, np.cumsum([0, *sizes]), strict=False))
+    starts = {lens: NODES**2 * index for index, lens in enumerate(different)}
     return Cameras(
         camtoworlds=camtoworlds.astype(np.float32),
-        directions=np.concatenate([lens_directions(lens) for lens in different]),
+        directions=np.concatenate([lens_table(lens) for lens in different]),
         table_starts=np.array([starts[lens] for lens in lenses], np.int32),
         widths=np.array([lens.width for lens in lenses], np.int32),
         heights=np.array([lens.height for lens in lenses], np.int32),

@@ -1,24 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Single cameras that a user steers, in a few fixed sizes.
 
-Poses are camera-to-world ``[3, 4]``, OpenGL, model frame. Lens tables are filled up
-to one length, so that all sizes and shapes of windows share one compiled program.
+Poses are camera-to-world ``[3, 4]``, OpenGL, model frame. All sizes and shapes of
+windows share one compiled program.
 """
 
 import dataclasses
-import functools
 import math
 
 import numpy as np
 from jaxtyping import Float
 
 from internal.cameras import Cameras, Lens
-from internal.scene.colmap import focal_lengths, lens_directions
+from internal.scene.colmap import focal_lengths, lens_table
 
 PIXELS = {"200 x 150": 200 * 150, "500 x 375": 500 * 375, "1000 x 750": 1000 * 750}
 # On the way to a full picture; each about half of the next or less.
 COARSE_PIXELS = (50 * 38, 100 * 75, 141 * 106, 200 * 150)
-TABLE_ROWS = max(PIXELS.values())
 SMALLEST_SIDE = 4  # pixels; windows may be arbitrarily thin
 WIDEST_FOV = math.radians(150.0)
 
@@ -43,7 +41,7 @@ def single_camera(camtoworld: Float[np.ndarray, "3 4"], lens: Lens) -> Cameras:
     """One camera, ready to be rendered without compiling anew."""
     return Cameras(
         camtoworlds=camtoworld[None].astype(np.float32),
-        directions=_table(lens),
+        directions=lens_table(lens),
         table_starts=np.zeros(1, np.int32),
         widths=np.array([lens.width], np.int32),
         heights=np.array([lens.height], np.int32),
@@ -54,11 +52,3 @@ def vertical_fov(lens: Lens) -> float:
     """The angle in radians between the rays through the top and bottom of a picture,
     for an undistorted lens whose axis meets the middle."""
     return 2.0 * math.atan(lens.height / 2.0 / focal_lengths(lens)[1])
-
-
-@functools.lru_cache(maxsize=16)
-def _table(lens: Lens) -> Float[np.ndarray, "rows 3"]:
-    """The lens's directions, filled up to ``TABLE_ROWS`` if there are fewer."""
-    directions = lens_directions(lens)
-    missing = max(TABLE_ROWS - len(directions), 0)
-    return np.pad(directions, ((0, missing), (0, 0)), mode="edge")
