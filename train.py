@@ -23,7 +23,7 @@ from internal.configs import Config
 from internal.models import Model
 from internal.scene import noise
 from internal.scene.scene import Scene
-from internal.training import budget, run_folder
+from internal.training import budget, exposure, run_folder
 from internal.training.checkpoints import Checkpoints
 from internal.training.preview import Preview
 from internal.training.run_folder import RunLog
@@ -36,7 +36,7 @@ def main(argv: Sequence[str]) -> int:
     config = cli.start_training(flags.train(__doc__).parse_args(argv))
     scene = cli.load_split(config, "train")
     with run_folder.claimed(config) as folder:
-        return train(config, scene, folder)
+        return train(exposure.metered(config, scene), scene, folder)
 
 
 def train(config: Config, scene: Scene, folder: Path) -> int:

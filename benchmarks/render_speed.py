@@ -17,6 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 
 from benchmarks import workload
 from internal import configs, parallel
@@ -32,7 +33,7 @@ REPEATS = 7
 def enhanced(rendering: Rendering | LitRendering) -> jax.Array:
     """The enhanced colour alone; the compiler drops what only the rest needs."""
     assert isinstance(rendering, LitRendering)
-    return rendering.enhanced
+    return jnp.asarray(rendering.enhanced)
 
 
 def everything(rendering: Rendering | LitRendering) -> Rendering | LitRendering:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands behind what docs/experiments.md reports. Each prints one Markdown table."""
+"""Commands that fit the numbers this project ships and write what was tried."""

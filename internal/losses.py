@@ -7,6 +7,7 @@ its right and its lower neighbour wherever a loss looks at neighbours.
 """
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.lax import stop_gradient
 from jaxtyping import Float
@@ -15,7 +16,10 @@ WHITE = 254.5 / 255.0  # a pixel at least this bright may have been clipped
 
 
 def data_loss(
-    rgb: Float[Array, "*b 3"], target: Float[Array, "*b 3"], *, eps: float
+    rgb: Float[Array | np.ndarray, "*b 3"],
+    target: Float[Array | np.ndarray, "*b 3"],
+    *,
+    eps: float,
 ) -> Float[Array, ""]:
     """Log-linearised data term (paper, Sec. 4.3; RawNeRF, Eq. 4).
 
@@ -28,28 +32,21 @@ def data_loss(
     return jnp.mean(((seen - target) / (stop_gradient(clipped) + eps)) ** 2)
 
 
-def exposure_loss(enhanced: Float[Array, "*b 3"], *, target: float) -> Float[Array, ""]:
+def exposure_loss(
+    enhanced: Float[Array | np.ndarray, "*b 3"], *, target: float
+) -> Float[Array, ""]:
     """L_c1 = E[(c_hat - e)^2] (paper, Eq. 9, first term), on the channel mean: the
     colour is left to the gray-world term."""
     return jnp.mean((jnp.mean(enhanced, axis=-1) - target) ** 2)
 
 
-def metering_loss(enhanced: Float[Array, "*b 3"], *, target: float) -> Float[Array, ""]:
-    """(E[max_c c_hat] - e)^2: exposes the scene as a whole, not each pixel.
-
-    The largest channel is what a photographer keeps from clipping; over normal photos
-    its mean varies half as much as that of all channels (docs/experiments.md).
-    """
-    return (jnp.mean(jnp.max(enhanced, axis=-1)) - target) ** 2
-
-
-def colorfulness(srgb: Float[Array, "*b 3"]) -> Float[Array, ""]:
+def colorfulness(srgb: Float[Array | np.ndarray, "*b 3"]) -> Float[Array, ""]:
     """E[max_c - min_c]: zero for gray."""
     return jnp.mean(jnp.max(srgb, axis=-1) - jnp.min(srgb, axis=-1))
 
 
 def colorfulness_loss(
-    enhanced: Float[Array, "*b 3"], *, least: float
+    enhanced: Float[Array | np.ndarray, "*b 3"], *, least: float
 ) -> Float[Array, ""]:
     """(E[max_c c_hat - min_c c_hat] - least)^2: asks a scene that is paler than normal
     photos for more colour. No saturation is less than 1, so it takes none away."""
@@ -57,7 +54,10 @@ def colorfulness_loss(
 
 
 def gray_world_loss(
-    enhanced: Float[Array, "*b 3"], r: Float[Array, "*b 3"], *, bias: float
+    enhanced: Float[Array | np.ndarray, "*b 3"],
+    r: Float[Array | np.ndarray, "*b 3"],
+    *,
+    bias: float,
 ) -> Float[Array, ""]:
     """L_c2 = E[var_c(c_hat) / (beta_1 + var_c(r))] (paper, Eq. 9, second term).
 
@@ -68,15 +68,17 @@ def gray_world_loss(
     return jnp.mean(jnp.var(enhanced, axis=-1) / (bias + jnp.var(basis, axis=-1)))
 
 
-def gamma_norm_loss(gamma_energy: Float[Array, "*b 1"]) -> Float[Array, ""]:
+def gamma_norm_loss(
+    gamma_energy: Float[Array | np.ndarray, "*b 1"],
+) -> Float[Array, ""]:
     """L_c3 = ||gamma||^2 (paper, Eq. 9, third term), averaged over channels where
     the ray meets something: weighted along rays, so empty space does not count."""
     return jnp.mean(gamma_energy) / 3.0
 
 
 def smoothness_loss(
-    coefficient: Float[Array, "patches 3 c"],
-    v: Float[Array, "patches 3 1"],
+    coefficient: Float[Array | np.ndarray, "patches 3 c"],
+    v: Float[Array | np.ndarray, "patches 3 1"],
     *,
     beta: float,
     eps: float,

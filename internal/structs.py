@@ -7,6 +7,7 @@ their factors are display-coded (sRGB), non-negative, and may exceed 1.
 
 from typing import Any
 
+import numpy as np
 from flax import struct
 from jax import Array
 from jaxtyping import Float
@@ -67,26 +68,26 @@ class Levels:
 class Rendering:
     """Pixels of the last level."""
 
-    rgb: Float[Array, "*rays 3"]  # the dark picture, c
-    depth: Float[Array, "*rays 1"]  # along the camera's axis, model units
+    rgb: Float[Array | np.ndarray, "*rays 3"]  # the dark picture, c
+    depth: Float[Array | np.ndarray, "*rays 1"]  # along the camera's axis, model units
 
 
 @struct.dataclass
 class Lit:
     """What an enhancement makes of rays; each adds what explains its own."""
 
-    enhanced: Float[Array, "*rays 3"]  # c_hat
+    enhanced: Float[Array | np.ndarray, "*rays 3"]  # c_hat
 
 
 @struct.dataclass
 class LitRendering(Rendering):
     """A rendering with its decomposition and enhancement (LLNeRF Eq. 3)."""
 
-    v: Float[Array, "*rays 1"]
-    r: Float[Array, "*rays 3"]
+    v: Float[Array | np.ndarray, "*rays 1"]
+    r: Float[Array | np.ndarray, "*rays 3"]
     lit: Lit
 
     @property
-    def enhanced(self) -> Float[Array, "*rays 3"]:
+    def enhanced(self) -> Float[Array | np.ndarray, "*rays 3"]:
         """The lit picture, c_hat."""
         return self.lit.enhanced

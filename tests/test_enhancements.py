@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from flax import linen as nn
+from jaxtyping import Float
 
 import eval as eval_script
 import render as render_script
@@ -27,7 +28,8 @@ from internal.structs import Decomposed, Level, Lit, LitRendering, Terms
 from internal.volume import composite
 from tests.conftest import flags
 
-KINDS = [Gamma(), Tone()]
+TONE = Tone(stops=3.0)
+KINDS = [Gamma(), TONE]
 ids = pytest.mark.parametrize("enhancement", KINDS, ids=lambda e: type(e).__name__)
 
 
@@ -49,7 +51,7 @@ def applied(enhancement: Enhancement) -> tuple[Any, Any]:
     network: Any = enhancement.network("enhancement")
     params = network.init(jax.random.key(1), level_of(), NEUTRAL)
     if isinstance(enhancement, Tone):
-        params = {"params": {"stops": jnp.float32(3.0), "saturation": jnp.float32(1.2)}}
+        params = {"params": {"saturation": jnp.float32(1.2)}}
     return network, params
 
 
@@ -86,13 +88,13 @@ def test_warm_is_redder_magenta_less_green_and_contrast_turns_about_grey(enhance
 def test_a_stop_doubles_the_light_of_gamma_and_comes_before_the_shoulder_of_tone():
     plain, more = (rendering_of(Gamma(), Look(exposure=e)).enhanced for e in (0.0, 1.0))
     np.testing.assert_allclose((more / plain) ** DISPLAY_POWER, 2.0, rtol=1e-4)
-    network, params = applied(Tone())
+    network, params = applied(TONE)
     level = level_of()
     brighter = linear_to_srgb(2.0 * srgb_to_linear(level.rgb))
     expected = network.apply(params, level.replace(rgb=brighter), NEUTRAL).enhanced
-    got = rendering_of(Tone(), Look(exposure=1.0)).enhanced
+    got = rendering_of(TONE, Look(exposure=1.0)).enhanced
     np.testing.assert_allclose(got, expected, rtol=1e-4)
-    assert jnp.all(rendering_of(Tone(), Look(exposure=9.0)).enhanced < 1.0)
+    assert jnp.all(rendering_of(TONE, Look(exposure=9.0)).enhanced < 1.0)
 
 
 @ids
@@ -151,6 +153,9 @@ class Gain:
     def network(self, name: str) -> "GainNetwork":
         return GainNetwork(name=name)
 
+    def metered(self, dark_srgb: Float[np.ndarray, "n 3"]) -> "Gain":
+        return self
+
     def along_rays(self, edit: LightEdit) -> LightEdit:
         return NEUTRAL
 
@@ -182,7 +187,7 @@ def test_an_enhancement_from_outside_trains_evaluates_renders_and_is_explained(
     page = (run / "eval" / "index.html").read_text()
     assert "half of the lit scene" in page and (run / "eval" / "halved").is_dir()
     assert render_script.main(argv) == 0
-    assert (run / "render" / "spiral" / "enhanced" / "0000.png").is_file()
+    assert (run / "render" / "auto" / "enhanced" / "0000.png").is_file()
 
 
 def test_an_unknown_enhancement_is_named():

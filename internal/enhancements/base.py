@@ -67,6 +67,11 @@ class Enhancement(Protocol):
         """Its Flax module, called ``name`` inside its parent."""
         ...
 
+    def metered(self, dark_srgb: Float[np.ndarray, "n 3"]) -> "Enhancement":
+        """The same, with what it takes from the training photos before the first
+        step; most take nothing and return themselves."""
+        ...
+
     def along_rays(self, edit: LightEdit) -> LightEdit:
         """The part of an edit that must be known while rays are followed; ``relight``
         does the rest on finished pixels."""

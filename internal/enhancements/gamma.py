@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from flax import linen as nn
 from flax import struct
 from jax import Array
@@ -55,6 +56,10 @@ class Gamma:
     def network(self, name: str) -> "GammaNetwork":
         return GammaNetwork(self, name=name)
 
+    def metered(self, dark_srgb: Float[np.ndarray, "n 3"]) -> "Gamma":
+        """Itself: the paper's e is a constant."""
+        return self
+
     def along_rays(self, edit: LightEdit) -> LightEdit:
         return edit.without_gains()
 
@@ -92,10 +97,10 @@ class Coefficients:
 class GammaLit(Lit):
     """Enhanced rays with their composited lighting and coefficients."""
 
-    v_enhanced: Float[Array, "*rays 3"]  # v_hat
-    alpha: Float[Array, "*rays 1"]
-    gamma: Float[Array, "*rays 3"]
-    gamma_energy: Float[Array, "*rays 1"]  # |gamma|^2
+    v_enhanced: Float[Array | np.ndarray, "*rays 3"]  # v_hat
+    alpha: Float[Array | np.ndarray, "*rays 1"]
+    gamma: Float[Array | np.ndarray, "*rays 3"]
+    gamma_energy: Float[Array | np.ndarray, "*rays 1"]  # |gamma|^2
 
 
 class Phi(nn.Module):

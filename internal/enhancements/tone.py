@@ -3,8 +3,9 @@
 
 A normal-light photo differs from a dark one by an exposure in linear light and by the
 S-shaped response of a camera, so the enhancement brightens what the field holds with
-two numbers per scene, which are found by metering: an exposure and a saturation.
-Colours are composited before the curve, as a camera sees them.
+two numbers per scene: an exposure, which is metered from the training photos before
+the first step (``metering.py``), and a saturation, which is learned. Colours are
+composited before the curve, as a camera sees them.
 """
 
 import dataclasses
@@ -12,6 +13,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from flax import linen as nn
 from flax import struct
 from jax import Array
@@ -21,12 +23,12 @@ from jaxtyping import Float
 from internal import losses
 from internal.binding import configurable, typed
 from internal.color import linear_to_srgb, srgb_to_linear
+from internal.enhancements import metering
 from internal.enhancements.base import Output
 from internal.enhancements.look import LUMINANCE_WEIGHTS, NEUTRAL, LightEdit
 from internal.structs import Level, Lit, LitRendering, Terms
 
 MOST_SATURATION = 2.0
-METERED = 0.01  # sRGB: an exposure as near as this is right
 
 
 @configurable("Tone")
@@ -38,10 +40,10 @@ class Tone:
     neighbors: ClassVar[int] = 0
     whole_batch: ClassVar[bool] = True
 
-    contrast: float = 1.3  # exponent of the response
-    exposure: float = 1.0  # weight of metering
-    exposure_target: float = 0.58  # sRGB, of the largest channel
-    colorfulness: float = 1.0  # weight
+    contrast: float = 1.2  # slope in the log of light; metering.json is fitted with it
+    shoulder: float = 2.0  # the larger, the shorter; likewise
+    stops: float | None = None  # exposure; None: metered from the training photos
+    colorfulness: float = 1.0  # weight of its loss, which teaches the saturation
     least_colorfulness: float = 0.14  # sRGB
 
     @property
@@ -55,72 +57,54 @@ class Tone:
         """Nothing: the curve acts on finished pixels."""
         return NEUTRAL
 
+    def metered(self, dark_srgb: Float[np.ndarray, "n 3"]) -> "Tone":
+        """The same with the exposure of a normal photo, unless one is given."""
+        if self.stops is not None:
+            return self
+        stops = metering.meter(dark_srgb, metering.load_prior()).stops
+        return dataclasses.replace(self, stops=round(stops, 4))
+
     def terms(self, rendering: LitRendering) -> Terms:
-        """The exposure answers to the first alone and the saturation to the second
-        alone, once the exposure is right: in the dark every scene is pale."""
-        lit = rendering.lit
-        assert isinstance(lit, ToneLit)
-        metering = losses.metering_loss(lit.exposed, target=self.exposure_target)
-        pale = losses.colorfulness_loss(lit.colored, least=self.least_colorfulness)
-        metered = stop_gradient(metering) < METERED**2
-        return {
-            "exposure": self.exposure * metering,
-            "colorfulness": self.colorfulness * jnp.where(metered, pale, 0.0),
-        }
+        """A scene paler than normal photos gets more saturation."""
+        pale = losses.colorfulness_loss(
+            rendering.enhanced, least=self.least_colorfulness
+        )
+        return {"colorfulness": self.colorfulness * pale}
 
 
 @struct.dataclass
 class Curve:
-    """What metering finds, once per scene."""
+    """How dark light becomes a picture."""
 
-    stops: Float[Array, ""]  # exposure: linear light times 2^stops
+    stops: Float[Array, ""] | float  # exposure: linear light times 2^stops
     saturation: Float[Array, ""]  # factor of what is not gray, 1 to MOST_SATURATION
-
-
-@struct.dataclass
-class ToneLit(Lit):
-    """Developed rays; the others are the same colours to one parameter alone."""
-
-    exposed: Float[Array, "*rays 3"]  # moved by the exposure
-    colored: Float[Array, "*rays 3"]  # moved by the saturation
+    contrast: float = struct.field(default=1.2, pytree_node=False)
+    shoulder: float = struct.field(default=2.0, pytree_node=False)
 
 
 class ToneNetwork(nn.Module):
-    """The scene's ``Curve`` as parameters, at first no change of exposure or colour.
-
-    Beyond the ends of its range the saturation keeps its gradient, so that it finds
-    its way back.
-    """
+    """The scene's saturation as a parameter, at first none. Beyond the ends of its
+    range it keeps its gradient, so that it finds its way back."""
 
     config: Tone
 
     def setup(self) -> None:
-        self.stops = self.param("stops", nn.initializers.zeros, ())
         self.saturation = self.param("saturation", nn.initializers.ones, ())
 
     def curve(self) -> Curve:
-        """The curve as far as it is learned."""
+        """The curve as far as it is known; a scene that was not metered stays dark."""
         wanted = jnp.asarray(self.saturation)
         kept = jnp.clip(wanted, 1.0, MOST_SATURATION)
-        return Curve(jnp.asarray(self.stops), wanted + stop_gradient(kept - wanted))
+        saturation = wanted + stop_gradient(kept - wanted)
+        config = self.config
+        return Curve(config.stops or 0.0, saturation, config.contrast, config.shoulder)
 
-    def __call__(self, level: Level, edit: LightEdit) -> ToneLit:
-        return self._develop(level.rgb, edit)
+    def __call__(self, level: Level, edit: LightEdit) -> Lit:
+        return Lit(develop(level.rgb, self.curve(), edit))
 
-    def relight(self, rendering: LitRendering, edit: LightEdit) -> ToneLit:
+    def relight(self, rendering: LitRendering, edit: LightEdit) -> Lit:
         """Everything anew: the curve needs the dark pixels alone."""
-        return self._develop(rendering.rgb, edit)
-
-    def _develop(self, dark_srgb: Float[Array, "*rays 3"], edit: LightEdit) -> ToneLit:
-        curve, contrast = self.curve(), self.config.contrast
-        held = stop_gradient(curve)
-        exposed = Curve(curve.stops, held.saturation)
-        colored = Curve(held.stops, curve.saturation)
-        return ToneLit(
-            enhanced=develop(dark_srgb, curve, contrast, edit),
-            exposed=develop(dark_srgb, exposed, contrast, edit),
-            colored=develop(dark_srgb, colored, contrast, edit),
-        )
+        return Lit(develop(rendering.rgb, self.curve(), edit))
 
 
 def saturate(
@@ -133,20 +117,22 @@ def saturate(
 
 
 def response(
-    exposed: Float[Array, "*b 3"], contrast: float | Float[Array, ""]
+    exposed: Float[Array, "*b 3"],
+    contrast: float | Float[Array, ""],
+    shoulder: float = 1.0,
 ) -> Float[Array, "*b 3"]:
-    """Naka and Rushton's response x^n / (1 + x^n), linear light in [0, 1).
+    """x^n / (1 + x^(n k))^(1/k), n contrast and k shoulder; linear light in [0, 1).
 
     A straight line of slope n in the log of light where it is dark, and a shoulder
-    that never clips a highlight (Naka and Rushton 1966, of the retina; n = 1 is
-    Reinhard's operator).
+    that never clips a highlight, the shorter the larger k. k = 1 is Naka and
+    Rushton's response (1966, of the retina), with n = 1 Reinhard's operator.
     """
     power = jnp.maximum(exposed, 1e-9) ** contrast
-    return power / (1.0 + power)
+    return power / (1.0 + power**shoulder) ** (1.0 / shoulder)
 
 
 def develop(
-    dark_srgb: Float[Array, "*b 3"], curve: Curve, contrast: float, edit: LightEdit
+    dark_srgb: Float[Array | np.ndarray, "*b 3"], curve: Curve, edit: LightEdit
 ) -> Float[Array, "*b 3"]:
     """The enhanced colour of a dark one, both sRGB, under the user's light edit.
 
@@ -156,7 +142,7 @@ def develop(
     """
     linear_rgb = srgb_to_linear(dark_srgb) * edit.gains
     exposed = saturate(linear_rgb, curve.saturation) * 2.0**curve.stops
-    lit = linear_to_srgb(response(exposed, contrast))
+    lit = linear_to_srgb(response(exposed, curve.contrast, curve.shoulder))
     dark = jnp.maximum(linear_to_srgb(linear_rgb), 1e-9)
     mixed = dark ** (1.0 - edit.strength) * lit**edit.strength
     return mixed**edit.contrast * edit.pivot

@@ -25,6 +25,8 @@ DEPTH_MARGIN = 1.1
 FEWEST_POINTS = 8  # per view: fewer say nothing about its depth range
 PROJECTIONS = ("auto", "ndc", "contract")
 
+GUESSED_NEAR, GUESSED_FAR = 0.1, 50.0  # of the distance to what cameras look at
+
 
 @dataclasses.dataclass(frozen=True)
 class Bounds:
@@ -33,6 +35,7 @@ class Bounds:
     near: float
     far: float
     source: str  # for messages
+    guessed: bool = False  # too wide for a frustum
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,14 +62,7 @@ def find_bounds(
     source = "given"
     if not (near and far):
         found = _bounds_from_file(files) or _bounds_from_points(files, lenses, is_train)
-        if found is None:
-            spread = np.ptp(files.camtoworlds[:, :, 3], axis=0).max()
-            raise UserError(
-                f"{files.pose_paths[0]}: no depth range: the file states none and no "
-                "sparse points come with it. Give both, in the units of the camera "
-                f"centres (which spread over {spread:.3g}): "
-                '--gin_bindings="Config.near = 0.5" --gin_bindings="Config.far = 20.0"'
-            )
+        found = found or _bounds_from_cameras(files)
         source = f"one given, else {found.source}" if near or far else found.source
         near, far = near or found.near, far or found.far
     if not 0.0 < near < far < np.inf:
@@ -75,6 +71,21 @@ def find_bounds(
             "0 < near < far: set Config.near and Config.far"
         )
     return Bounds(near, far, source)
+
+
+def _bounds_from_cameras(files: SceneFiles) -> Bounds:
+    """A wide range around the place that the cameras look at, where nothing else says
+    how deep the scene is; for ``contract``, whose samples are even in 1 / depth."""
+    centres = files.camtoworlds[:, :, 3]
+    distances = np.linalg.norm(centres - poses.focus_point(files.camtoworlds), axis=-1)
+    scale = float(max(np.median(distances), np.ptp(centres, axis=0).max()))
+    return Bounds(
+        GUESSED_NEAR * scale,
+        GUESSED_FAR * scale,
+        "guessed from the cameras, for the files state no depths and have no points; "
+        "Config.near and Config.far set them",
+        guessed=True,
+    )
 
 
 def choose_frame(
@@ -96,6 +107,8 @@ def choose_frame(
         raise UserError(
             f"unknown projection {projection!r}; choose {', '.join(PROJECTIONS)}"
         )
+    if projection == "auto" and bounds.guessed:
+        return _unbounded(files, bounds, "no depths are known")
     half_angle = {lens: colmap.half_angle(lens) for lens in set(lenses)}
     half_angles = np.array([half_angle[lens] for lens in lenses])
     widest = np.degrees(poses.axis_angles(files.camtoworlds).max())

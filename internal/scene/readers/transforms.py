@@ -17,9 +17,11 @@ similarity that takes its camera centres to the JSON's; so files that state an
 import dataclasses
 import json
 import math
+import posixpath
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 from jaxtyping import Float
@@ -89,10 +91,16 @@ def read_nerfstudio(data_dir: Path, images_dir: str) -> SceneFiles:
     frames = _read_frames(data_dir / SINGLE_FILE, is_test=False)
     test = _listed(frames[0], "test_filenames") or _listed(frames[0], "val_filenames")
     train = _listed(frames[0], "train_filenames")
+    listed = [posixpath.normpath(frame.values["file_path"]) for frame in frames]
+    if test and not test & set(listed):
+        raise UserError(
+            f"{data_dir / SINGLE_FILE}: its test views ({sorted(test)[0]}, ...) are no "
+            "file_path of its frames; write them alike"
+        )
     frames = [
-        dataclasses.replace(frame, is_test=frame.values["file_path"] in test)
-        for frame in frames
-        if not train or frame.values["file_path"] in train | test
+        dataclasses.replace(frame, is_test=path in test)
+        for frame, path in zip(frames, listed, strict=True)
+        if not train or path in train | test
     ]
     if not frames:
         raise UserError(
@@ -104,8 +112,8 @@ def read_nerfstudio(data_dir: Path, images_dir: str) -> SceneFiles:
 
 def _read_frames(path: Path, is_test: bool) -> list[_Frame]:
     try:
-        content = json.loads(path.read_text())
-    except (ValueError, OSError) as error:
+        content = json.loads(_decoded(path.read_bytes()))
+    except (ValueError, OSError, RecursionError) as error:
         raise UserError(f"{path}: not a JSON file ({error}); write it again") from error
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list) or not frames:
@@ -115,15 +123,43 @@ def _read_frames(path: Path, is_test: bool) -> list[_Frame]:
         if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
             raise UserError(f'{path}: frame {index} has no "file_path"')
     return [
-        _Frame(path, dark_twin(path.parent / f["file_path"]), {**shared, **f}, is_test)
+        _Frame(
+            path,
+            dark_twin(locate(path.parent, f["file_path"])),
+            {**shared, **f},
+            is_test,
+        )
         for f in frames
     ]
+
+
+def _decoded(content: bytes) -> str:
+    """A text in UTF-8 or UTF-16, with or without the mark that editors put first."""
+    utf_16 = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    return content.decode("utf-16" if utf_16 else "utf-8-sig")
+
+
+def locate(folder: Path, listed: str) -> Path:
+    """Where a listed picture is: as written, with the slashes of Windows or escapes
+    of URLs, else, for a path of another machine, the longest end of it that the scene
+    holds. The path as written where there is none."""
+    spellings = [listed, listed.replace("\\", "/"), unquote(listed.replace("\\", "/"))]
+    for spelling in spellings:
+        if find_file(folder / spelling).is_file():
+            return folder / spelling
+    parts = PurePosixPath(spellings[-1]).parts
+    for start in range(1, len(parts)):
+        path = folder.joinpath(*parts[start:])
+        if find_file(path).is_file():
+            return path
+    return folder / listed
 
 
 def _scene_files(
     name: str, data_dir: Path, images_dir: str, frames: Sequence[_Frame]
 ) -> SceneFiles:
     if not images_dir:
+        frames = _with_pictures(frames)
         frames = [
             dataclasses.replace(frame, image_path=_find_picture(frame))
             for frame in frames
@@ -145,9 +181,22 @@ def _scene_files(
         lenses=tuple(_lens(frame) for frame in by_name.values()),
         camtoworlds=camtoworlds,
         points=_sparse_points(data_dir, names, camtoworlds),
-        bounds=_bounds(frames[0]),
+        bounds=_bounds(frames),
         test_names=test_names or None,
     )
+
+
+def _with_pictures(frames: Sequence[_Frame]) -> list[_Frame]:
+    """The frames without those test views whose photo is not there: benchmarks list
+    pictures that they keep for themselves."""
+    missing = [frame for frame in frames if frame.is_test and not _alike(frame)]
+    if missing:
+        shown = ", ".join(frame.image_path.name for frame in missing[:3])
+        print(
+            f"WARNING: {missing[0].json_path}: {len(missing)} test views have no photo "
+            f"here ({shown}, ...); they are left out"
+        )
+    return [frame for frame in frames if frame not in missing]
 
 
 def _names(paths: Iterable[Path], data_dir: Path) -> list[str]:
@@ -171,11 +220,21 @@ def _listed(frame: _Frame, key: str) -> set[str]:
             f"{frame.json_path}: {key} is {str(names)[:60]}; expected a list of the "
             "file_path of frames"
         )
-    return set(names)
+    return set(map(posixpath.normpath, names))
 
 
 def _find_picture(frame: _Frame) -> Path:
     """The listed file; or the one of that stem, with any extension or case."""
+    found = _alike(frame)
+    if found is None:
+        raise UserError(
+            f"{frame.image_path}: image not found, but {frame.json_path} lists it; copy "
+            "it there or remove its frame"
+        )
+    return found
+
+
+def _alike(frame: _Frame) -> Path | None:
     path = find_file(frame.image_path)
     if path.is_file():
         return path
@@ -188,12 +247,7 @@ def _find_picture(frame: _Frame) -> Path:
         and other.is_file()
         and not is_metadata(other)
     )
-    if not alike:
-        raise UserError(
-            f"{path}: image not found, but {frame.json_path} lists it; copy it there "
-            "or remove its frame"
-        )
-    return alike[0]
+    return alike[0] if alike else None
 
 
 def _camtoworld(frame: _Frame) -> Float[np.ndarray, "3 4"]:
@@ -230,6 +284,15 @@ def _lens(frame: _Frame) -> Lens:
         distortion = tuple(_number(frame, key, 0.0) for key in FISHEYE_TERMS)
         return Lens("OPENCV_FISHEYE", width, height, pinhole + distortion)
     distortion = tuple(_number(frame, key, 0.0) for key in RATIONAL_TERMS)
+    # k4 to k6 are a denominator in OpenCV's full model alone; nerfstudio's k4 belongs
+    # to r^8, which no lens here has.
+    beyond = [k for k in ("k4", "k5", "k6") if _number(frame, k, 0.0) != 0.0]
+    if beyond and model != "FULL_OPENCV":
+        raise UserError(
+            f"{frame.json_path}: {beyond[0]} of {frame.image_path.name} is "
+            f"{_number(frame, beyond[0], 0.0):g}; this program has no such term in a "
+            f"{model} lens: calibrate with k1, k2, k3, p1, p2, or undistort the photos"
+        )
     if any(distortion[len(PERSPECTIVE_TERMS) :]):
         return Lens("FULL_OPENCV", width, height, pinhole + distortion)
     if any(distortion):
@@ -254,6 +317,11 @@ def _focal_lengths(frame: _Frame, width: int, height: int) -> tuple[float, float
     stated = []
     for axis, pixels in (("x", width), ("y", height)):
         fov = _number(frame, f"camera_angle_{axis}", 0.0)
+        if not 0.0 <= fov < math.pi:
+            raise UserError(
+                f"{frame.json_path}: camera_angle_{axis} is {fov:g}; expected radians, "
+                "less than pi: divide degrees by 57.29578"
+            )
         from_fov = pixels / (2.0 * math.tan(fov / 2.0)) if fov else 0.0
         stated.append(_number(frame, f"fl_{axis}", from_fov))
     fx, fy = stated[0] or stated[1], stated[1] or stated[0]
@@ -275,10 +343,11 @@ def _number(frame: _Frame, key: str, default: float) -> float:
     return float(value)
 
 
-def _bounds(frame: _Frame) -> Float[np.ndarray, "b 2"]:
-    if not {"near", "far"} <= frame.values.keys():
+def _bounds(frames: Sequence[_Frame]) -> Float[np.ndarray, "b 2"]:
+    """Depths of each frame, where every frame has them."""
+    if not all({"near", "far"} <= frame.values.keys() for frame in frames):
         return np.empty((0, 2))
-    return np.array([[_number(frame, "near", 0.0), _number(frame, "far", 0.0)]])
+    return np.array([[_number(f, key, 0.0) for key in ("near", "far")] for f in frames])
 
 
 def _sparse_points(

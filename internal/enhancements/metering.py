@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Metering learned from normal photos: how bright a scene would have been taken.
+
+The dark pixels of a scene's training photos go in, ``[n, 3]`` sRGB in [0, 1]; the
+exposure of the scene-wide tone curve comes out, in stops of linear light. What is
+learned is where photographers put the shape of a histogram, never its level: a first
+exposure brings the mean of the developed largest channel to ``MIDDLE``, and a kernel
+regression on the percentiles at that exposure says how many stops to add. Far from all
+it has seen the addition goes to its mean, so that no scene is exposed wildly.
+
+The numbers are in ``metering.json``; ``python -m experiments.metering`` makes them.
+"""
+
+import dataclasses
+import functools
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from internal.color import photo_to_linear
+
+MIDDLE = 0.5  # sRGB mean of the developed largest channel at the first exposure
+PERCENTILES = (50.0, 75.0, 90.0, 95.0, 98.0, 99.5, 99.9)  # of the largest channel
+FLOOR = 0.25 / 255 / 12.92  # a quarter of a level: the least light that is told apart
+MOST_STOPS = 16.0
+BISECTIONS = 24
+FITTED = Path(__file__).with_suffix(".json")
+
+Pixels = Float[np.ndarray, "n 3"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Exposure:
+    """What a scene is exposed to."""
+
+    stops: float  # linear light times 2^stops, before the response
+    srgb_mean: float  # mean of all channels of the developed picture: the paper's e
+
+
+@dataclasses.dataclass(frozen=True)
+class Prior:
+    """A tone curve and a regression from shapes of histograms to stops.
+
+    Shapes are standardised: (shape - center) / scale.
+    """
+
+    contrast: float
+    shoulder: float
+    offset: float  # stops to add to the first exposure, on average
+    width: float  # of the Gaussian kernel, per feature
+    center: Float[np.ndarray, " features"]
+    scale: Float[np.ndarray, " features"]
+    examples: Float[np.ndarray, "examples features"]  # standardised
+    weights: Float[np.ndarray, " examples"]  # stops
+
+
+@functools.cache
+def load_prior(path: Path = FITTED) -> Prior:
+    """The fitted numbers of a file."""
+    return prior_of(json.loads(path.read_text()))
+
+
+def prior_of(numbers: dict[str, Any]) -> Prior:
+    """A ``Prior`` from its fields as JSON holds them."""
+    fields = [field.name for field in dataclasses.fields(Prior)]
+    values: dict[str, Any] = {name: numbers[name] for name in fields}
+    for name in ("center", "scale", "examples", "weights"):
+        values[name] = np.asarray(values[name])
+    return Prior(**values)
+
+
+def meter(dark_srgb: Pixels, prior: Prior) -> Exposure:
+    """How a normal photo of a scene would be exposed, from its dark pixels.
+
+    Args:
+        dark_srgb: sRGB in [0, 1], of all training photos or a sample of them.
+        prior: of ``load_prior``.
+    """
+    linear_rgb = photo_to_linear(dark_srgb)
+    first, shape = first_exposure(linear_rgb, prior.contrast, prior.shoulder)
+    stops = float(np.clip(first + correction(shape, prior), -MOST_STOPS, MOST_STOPS))
+    lit = developed(linear_rgb, stops, prior.contrast, prior.shoulder)
+    return Exposure(stops, float(np.mean(lit)))
+
+
+def first_exposure(
+    linear_rgb: Pixels, contrast: float, shoulder: float
+) -> tuple[float, Float[np.ndarray, " features"]]:
+    """Stops that bring the mean of the developed largest channel to ``MIDDLE``, and
+    the log2 of its percentiles at that exposure: the shape, whatever the level."""
+    largest = np.maximum(np.max(linear_rgb, axis=-1).astype(np.float64), FLOOR)
+    light, counts = np.unique(largest, return_counts=True)  # 8-bit photos hold few
+    low, high = -MOST_STOPS, MOST_STOPS
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2.0
+        mean = np.average(developed(light, middle, contrast, shoulder), weights=counts)
+        low, high = (middle, high) if mean < MIDDLE else (low, middle)
+    return high, np.log2(np.percentile(largest, PERCENTILES)) + high
+
+
+def correction(
+    shape: Float[np.ndarray, "*b features"], prior: Prior
+) -> Float[np.ndarray, "*b"]:
+    """Stops to add to the first exposure of histograms of these shapes, ``[*b]``."""
+    standard = (shape - prior.center) / prior.scale
+    near = kernel(standard, prior.examples, prior.width)
+    return np.asarray(prior.offset + near @ prior.weights)
+
+
+def kernel(
+    a: Float[np.ndarray, "*b features"],
+    b: Float[np.ndarray, "examples features"],
+    width: float,
+) -> Float[np.ndarray, "*b examples"]:
+    """exp(-d^2 / (2 width^2)), d^2 the mean over features of squared differences."""
+    distances = np.mean((a[..., None, :] - b) ** 2, axis=-1)
+    return np.exp(-distances / (2.0 * width**2))
+
+
+def developed(
+    linear_rgb: Float[np.ndarray, "..."], stops: float, contrast: float, shoulder: float
+) -> Float[np.ndarray, "..."]:
+    """``tone.response`` of exposed light, sRGB-coded, in NumPy."""
+    light = np.asarray(linear_rgb, np.float64) * 2.0**stops
+    exposed = np.maximum(light, 1e-9) ** contrast
+    light = exposed / (1.0 + exposed**shoulder) ** (1.0 / shoulder)
+    power = 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055
+    return np.where(light <= 0.0031308, light * 12.92, power)
