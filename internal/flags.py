@@ -57,6 +57,14 @@ def export(text: str | None) -> argparse.ArgumentParser:
         "--resolution", type=some, metavar="N", help="cells along the longest side"
     )
     parser.add_argument(
+        "--splats", type=some, metavar="N", help="bake at most N Gaussian splats too"
+    )
+    parser.add_argument(
+        "--look",
+        choices=("enhanced", "dark", "both"),
+        help="of the splats, enhanced if not given; both: splats.* and splats_dark.*",
+    )
+    parser.add_argument(
         "--overwrite", action="store_true", help="replace an export made before"
     )
     return parser
