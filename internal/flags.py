@@ -220,7 +220,6 @@ class _Tuple(argparse.Action):
 
 def positive_int(text: str) -> int:
     """A whole number above 0, as argparse converts."""
-    value = int(text)
-    if value < 1:
-        raise ValueError(text)
-    return value
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number above 0")
+    return int(text)
