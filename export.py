@@ -5,7 +5,9 @@ python export.py --run outputs/night
 
 Writes the folder export/ of the run: points.ply (with normals), mesh.ply and mesh.glb
 (with colours), and dataset/, a scene of lit pictures that NeRF and splatting tools
-train on. The light is that of render.py.
+train on. With --splats 300000 also splats.ply and splats.glb, to walk through in any
+viewer of Gaussian splats; what no photo saw is left out of them. The light is that of
+render.py.
 """
 
 from internal import flags, script
@@ -16,10 +18,12 @@ if __name__ == "__main__":  # before the imports below, which take seconds
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import jax
 
 from internal import cli, parallel
+from internal.cameras import Cameras
 from internal.export import folder as export_folder
 from internal.export import shapes
 from internal.export.density import make_density
@@ -37,7 +41,7 @@ def main(argv: Sequence[str]) -> int:
     config = cli.start_trained(args)
     edit = config.render.edit()
     wanted = export_folder.Wanted(
-        **{name: value for name in ("points", "resolution")
+        **{name: value for name in ("points", "resolution", "splats", "look")
            if (value := getattr(args, name))}
     )  # fmt: skip
     mesh = parallel.data_mesh(jax.device_count())
@@ -50,10 +54,17 @@ def main(argv: Sequence[str]) -> int:
     density = make_density(model, state.params, footprint=1.0 / wanted.resolution)
 
     def fill(folder: Path) -> made_folder.Facts:
-        sightings = export_folder.look_around(
-            scene, lambda view: renderer.view(state.params, view, edit)
+        def render(camera: Cameras) -> Any:
+            return renderer.picture(state.params, camera, edit)
+
+        sightings = export_folder.look_around(scene, render)
+        between = []
+        if wanted.splats:
+            middle = export_folder.between_views(scene)
+            between = export_folder.look_around(middle, render)
+        facts = export_folder.write_all(
+            folder, scene, sightings, between, density, wanted
         )
-        facts = export_folder.write_all(folder, scene, sightings, density, wanted)
         pages.write_index(
             folder,
             f"{scene.name}: exported at step {int(state.step)}",

@@ -57,6 +57,14 @@ def export(text: str | None) -> argparse.ArgumentParser:
         "--resolution", type=some, metavar="N", help="cells along the longest side"
     )
     parser.add_argument(
+        "--splats", type=some, metavar="N", help="bake at most N Gaussian splats too"
+    )
+    parser.add_argument(
+        "--look",
+        choices=("enhanced", "dark", "both"),
+        help="of the splats, enhanced if not given; both: splats.* and splats_dark.*",
+    )
+    parser.add_argument(
         "--overwrite", action="store_true", help="replace an export made before"
     )
     return parser
@@ -212,7 +220,6 @@ class _Tuple(argparse.Action):
 
 def positive_int(text: str) -> int:
     """A whole number above 0, as argparse converts."""
-    value = int(text)
-    if value < 1:
-        raise ValueError(text)
-    return value
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number above 0")
+    return int(text)

@@ -7,7 +7,9 @@ colours are is known exactly.
 
 import dataclasses
 import json
+import resource
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -15,19 +17,26 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import export as export_script
 import train as train_script
 from internal.cameras import Lens
+from internal.configs import load_config
 from internal.coord import ForwardFacing, Unbounded
 from internal.errors import UserError
+from internal.export import bake, shapes, splat_files
 from internal.export import folder as export_folder
-from internal.export import shapes
 from internal.export.density import from_field_space, normals, to_field_space
 from internal.export.sightings import mean_colors, surface_points
+from internal.files import image_io
+from internal.models import Model
+from internal.parallel import data_mesh
 from internal.poses import transform_points
 from internal.scene import colmap
 from internal.scene.scene import load_scene
 from internal.structs import Rendering
-from tests.conftest import flags
+from internal.training.checkpoints import Checkpoints, load_trained
+from internal.training.step import initial_state
+from tests.conftest import bindings, flags
 from tests.scene_writers import facing_world, surrounding_world, write_blender
 
 NDC = ForwardFacing(np.array([2.0, 2.5], np.float32))
@@ -133,7 +142,6 @@ def scene(request, tmp_path_factory):
 def ball_in(scene):
     """A ball where the cameras look, as the renderer and the field would see it."""
     ours = export_folder.undistorted(scene)
-    poses = np.asarray(ours.cameras.camtoworlds, np.float64)
     facing = isinstance(ours.space, ForwardFacing)
     scale = np.cbrt(np.linalg.det(ours.model_from_world[:3, :3]))
     middle = transform_points(
@@ -146,8 +154,8 @@ def ball_in(scene):
         inside = radius - np.linalg.norm(apart, axis=-1)
         return 100.0 / (1.0 + np.exp(-np.clip(60.0 * inside / radius, -50.0, 50.0)))
 
-    def render(view):
-        lens, pose = ours.lenses[view], poses[view]
+    def render(camera):
+        lens, pose = ours.lenses[0], np.float64(camera.camtoworlds[0])
         rays = colmap.lens_directions(lens).astype(float) @ pose[:, :3].T
         to_middle = middle - pose[:, 3]
         a, b = (rays**2).sum(-1), rays @ to_middle
@@ -165,11 +173,19 @@ def ball_in(scene):
 
 @pytest.fixture(scope="module")
 def exported(scene, tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bake, "STEPS", 8)
+        patch.setattr(bake, "RECOLOR_STEPS", 4)
+        yield export_ball(scene, tmp_path_factory)
+
+
+def export_ball(scene, tmp_path_factory):
     ours, density, render, middle, radius = ball_in(scene)
     folder = tmp_path_factory.mktemp("export")
     sightings = export_folder.look_around(ours, render)
-    wanted = export_folder.Wanted(points=500, resolution=48)
-    facts = export_folder.write_all(folder, ours, sightings, density, wanted)
+    between = export_folder.look_around(export_folder.between_views(ours), render)
+    wanted = export_folder.Wanted(points=500, resolution=48, splats=400, look="both")
+    facts = export_folder.write_all(folder, ours, sightings, between, density, wanted)
     world = np.linalg.inv(ours.model_from_world)
     scale = np.cbrt(np.linalg.det(world[:3, :3]))
     centre = transform_points(world, middle[None])[0]
@@ -192,6 +208,97 @@ def test_the_cloud_and_the_mesh_lie_on_the_ball_in_the_users_frame(exported):
         np.testing.assert_allclose(
             np.median(mesh.visual.vertex_colors, axis=0), [204, 102, 51, 255], atol=1
         )
+
+
+def test_the_splats_lie_on_the_ball_in_the_users_frame(exported):
+    folder, _, facts, centre, radius, _ = exported
+    lit = splat_files.read_ply(folder / "splats.ply")
+    dark = splat_files.read_ply(folder / "splats_dark.ply")
+    assert {"splats.glb", "splats_dark.glb"} <= {p.name for p in folder.iterdir()}
+    assert 50 < len(lit) == facts["splats"] == facts["splats_dark"] <= 400
+    np.testing.assert_array_equal(lit.points, dark.points)
+    on_ball = np.linalg.norm(lit.points - centre, axis=-1) < 3.0 * radius
+    apart = np.linalg.norm(lit.points[on_ball] - centre, axis=-1)
+    # 400 splats are few: the cells that they stand for are deep.
+    assert on_ball.sum() > 30 and np.median(np.abs(apart / radius - 1.0)) < 0.15
+    listed = dict(export_folder.describe(facts))
+    assert {"splats.ply", "splats.glb", "splats_dark.ply"} <= listed.keys()
+
+
+@pytest.mark.parametrize("flag", ["--splats", "--points", "--resolution"])
+@pytest.mark.parametrize("value", ["0", "-3", "many"])
+def test_nothing_to_export_is_refused_before_anything_is_read(flag, value, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        export_script.main([f"{flag}={value}", "--run=no/such/run"])
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.endswith(f"{flag}: '{value}' is not a whole number above 0")
+
+
+def test_a_model_that_knows_no_shape_leaves_no_export(night_run):
+    arguments = ["--splats", "50", "--points", "20", "--resolution", "4"]
+    with pytest.raises(UserError, match="knows no shape yet"):
+        export_script.main([*arguments, f"--run={night_run}"])
+    assert not [path for path in night_run.iterdir() if "export" in path.name]
+
+
+def test_a_diverged_model_is_refused(night, tmp_path):
+    config = load_config(
+        [], [*bindings(night), f"Config.checkpoint_dir = {str(tmp_path)!r}"]
+    )
+    state = initial_state(config, Model(config.model))
+    leaves, tree = jax.tree.flatten(state.params)
+    broken = jax.tree.unflatten(tree, [leaves[0] + np.inf, *leaves[1:]])
+    with Checkpoints(tmp_path, 1) as checkpoints:
+        checkpoints.save(dataclasses.replace(state, params=broken))
+    with pytest.raises(UserError, match="step 0 is not finite"):
+        load_trained(config, data_mesh(jax.device_count()))
+
+
+@pytest.mark.parametrize("write", [splat_files.write_ply, splat_files.write_glb])
+def test_a_disk_that_fills_up_leaves_no_part_of_a_file(tmp_path, write):
+    count = 400
+    splats = bake.first_splats(
+        np.ones((count, 3)),
+        np.ones(count),
+        np.ones((count, 3)),
+        np.zeros((count, 3)),
+        0.9,
+    )
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, limits[1]))
+    try:
+        with pytest.raises(UserError, match=r"splats\.any: cannot write"):
+            write(tmp_path / "splats.any", splats)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not list(tmp_path.iterdir())
+
+
+def test_between_two_views_is_half_way(scene):
+    ours = export_folder.undistorted(scene)
+    between = export_folder.between_views(ours)
+    centres = np.asarray(ours.cameras.camtoworlds)[:, :, 3]
+    assert len(between.lenses) == len(between.cameras)
+    assert len(between.cameras) > 0 or isinstance(ours.space, Unbounded)
+    middles = 0.5 * (centres[:, None] + centres)
+    for camtoworld in np.asarray(between.cameras.camtoworlds):
+        rotation = camtoworld[:, :3]
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-5)
+        apart = np.linalg.norm(middles - camtoworld[:, 3], axis=-1)
+        assert apart.min() < 1e-5
+
+
+def test_views_back_to_back_have_nothing_between_them(scene):
+    ours = export_folder.undistorted(scene)
+    cameras = ours.cameras.take(np.array([0, 0]))
+    turned = np.array(cameras.camtoworlds)
+    turned[1, :, [0, 2]] *= -1.0
+    pair = dataclasses.replace(
+        ours,
+        lenses=ours.lenses[:2],
+        cameras=dataclasses.replace(cameras, camtoworlds=turned),
+    )
+    assert len(export_folder.between_views(pair).cameras) == 0
 
 
 def test_normals_of_the_cloud_are_those_of_the_ball(exported):
@@ -217,6 +324,50 @@ def test_the_dataset_is_read_back_as_the_same_cameras_and_lit_pictures(exported)
             np.testing.assert_allclose(image / 257.0, sighting.srgb, atol=0.01)
     model = colmap.read_model(folder / "dataset" / "sparse" / "0")
     assert len(model.points) == len(trimesh.load(folder / "points.ply").vertices)
+
+
+def test_the_dataset_keeps_the_rules_of_the_tools_it_is_for(exported):
+    """What their readers insist on (OpenSplat: nerfstudio.cpp, point_io.cpp;
+    nerfstudio: nerfstudio_dataparser.py):
+
+    - camera_model: a name they know; ply_file_path: not empty, below the folder.
+    - Each frame: file_path of a file that exists, with its ending; w, h, fl_x, fl_y,
+      cx, cy (there are no common ones); transform_matrix 4 x 4, camera to world, whose
+      last row is 0 0 0 1.
+    - train_, val_ and test_filenames: all three or none.
+    - The points: "ply", the format, one element vertex of properties x y z first, red
+      green blue next to each other, and no others: OpenSplat reads them by position
+      and knows no alpha.
+    """
+    folder = exported[0] / "dataset"
+    content = json.loads((folder / "transforms.json").read_text())
+    assert content["camera_model"] in ("PINHOLE", "OPENCV", "SIMPLE_PINHOLE")
+    splits = [f"{split}_filenames" in content for split in ("train", "val", "test")]
+    assert all(splits) or not any(splits)
+    for frame in content["frames"]:
+        with_size = image_io.read_srgb(folder / frame["file_path"])
+        assert with_size.shape == (frame["h"], frame["w"], 3)
+        assert {"fl_x", "fl_y", "cx", "cy"} <= frame.keys()
+        matrix = np.array(frame["transform_matrix"])
+        np.testing.assert_allclose(
+            matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-6
+        )
+        np.testing.assert_array_equal(matrix[3], [0, 0, 0, 1])
+    points = (folder / content["ply_file_path"]).read_bytes()
+    header, _, body = points.partition(b"end_header\n")
+    lines = header.decode().splitlines()
+    assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
+    count = int(lines[2].removeprefix("element vertex "))
+    assert lines[3:] == [
+        *(f"property float {name}" for name in "xyz"),
+        *(f"property uchar {name}" for name in ("red", "green", "blue")),
+    ]
+    assert len(body) == 15 * count > 0
+    again = trimesh.load(folder / content["ply_file_path"])
+    model = colmap.read_model(folder / "sparse" / "0")
+    np.testing.assert_allclose(
+        np.sort(again.vertices, axis=0), np.sort(model.points, axis=0), atol=1e-5
+    )
 
 
 def test_the_dataset_trains(exported, tmp_path):
@@ -249,14 +400,14 @@ def test_a_point_behind_a_surface_is_not_seen(scene):
 def test_a_model_without_a_surface_is_refused(scene, tmp_path):
     ours, density, render, _, _ = ball_in(scene)
 
-    def see_nothing(view):
-        rendering = render(view)
+    def see_nothing(camera):
+        rendering = render(camera)
         return dataclasses.replace(rendering, depth=rendering.depth * 0 + 1e3)
 
     sightings = export_folder.look_around(ours, see_nothing)
     with pytest.raises(UserError, match="knows no shape yet"):
         wanted = export_folder.Wanted(points=10, resolution=8)
-        export_folder.write_all(tmp_path, ours, sightings, density, wanted)
+        export_folder.write_all(tmp_path, ours, sightings, [], density, wanted)
 
 
 def test_panoramas_have_no_pinhole():

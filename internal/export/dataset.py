@@ -2,7 +2,8 @@
 """Lit pictures with poses, as a scene that any NeRF or splatting tool trains on.
 
 ``images/`` and two statements of the same pinhole cameras: ``transforms.json``
-(nerfstudio, instant-ngp) and ``sparse/0`` (COLMAP text, with coloured points).
+(nerfstudio, instant-ngp, OpenSplat) and ``sparse/0`` (COLMAP text). Both have coloured
+points, which splatting starts from: ``points.ply`` for the former.
 """
 
 import json
@@ -14,8 +15,11 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from internal.cameras import Lens
+from internal.export import ply
 from internal.files import image_io
 from internal.scene import colmap
+
+POINTS_FILE = "points.ply"
 
 
 def write_dataset(
@@ -39,8 +43,17 @@ def write_dataset(
         image_io.write(path, picture.astype(np.float32) / 255.0)
     near, far = bounds
     views = zip(model.names, model.lenses, model.camtoworlds, strict=True)
+    # Without normals: not all readers of these look at more than x y z and colours.
+    ply.write(
+        folder / POINTS_FILE,
+        {
+            **dict(zip("xyz", model.points.T, strict=True)),
+            **dict(zip(("red", "green", "blue"), colors.T, strict=True)),
+        },
+    )
     content = {
         "camera_model": "PINHOLE",
+        "ply_file_path": POINTS_FILE,
         "near": near,
         "far": far,
         "frames": [_frame(*view) for view in views],

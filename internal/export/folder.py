@@ -13,21 +13,29 @@ import numpy as np
 from jaxtyping import Float
 
 from internal import color, poses, progress
+from internal.cameras import Cameras
 from internal.errors import UserError
-from internal.export import shapes
+from internal.export import shapes, splat_files
+from internal.export.bake import bake
 from internal.export.dataset import write_dataset
 from internal.export.density import Density, from_field_space, normals, to_field_space
 from internal.export.shapes import Cloud, Mesh
 from internal.export.sightings import Sighting, mean_colors, surface_points
+from internal.export.splats import carry_over
 from internal.files.made_folder import Facts
 from internal.scene import colmap
 from internal.scene.scene import Scene, posed_cameras
 from internal.structs import LitRendering, Rendering
 
-RenderView = Callable[[int], Rendering | LitRendering]
+SPLAT_LOOKS = {"enhanced": "lit", "dark": "as dark as the photos"}
+LOOKS = {"enhanced": ("enhanced",), "dark": ("dark",), "both": ("enhanced", "dark")}
+
+RenderView = Callable[[Cameras], Rendering | LitRendering]
 
 COLMAP_POINTS = 20_000  # enough to start splats from
 FEWEST_VIEWS = 2  # that must agree on a point of the cloud
+BETWEEN = 3  # every so many views there is one more, half way to its neighbour
+ALIKE = 0.7  # least cosine between the optical axes of neighbours
 BACKGROUND = 0.98  # of the far depth: what ends there hit nothing
 SMALLEST_STEP = 2e-3  # of normals' differences, share of the distance to the cameras
 
@@ -38,6 +46,8 @@ class Wanted:
 
     points: int = 200_000
     resolution: int = 160  # cells along the mesh's longest side
+    splats: int | None = None  # at most; None: no files of splats
+    look: str = "enhanced"  # of the splats, of LOOKS
 
 
 def undistorted(scene: Scene) -> Scene:
@@ -50,11 +60,34 @@ def undistorted(scene: Scene) -> Scene:
     )
 
 
+def between_views(scene: Scene) -> Scene:
+    """The scene seen from half way between neighbouring views, a third as often.
+
+    What splats look like from where no photo was taken shows there.
+    """
+    camtoworlds = np.asarray(scene.cameras.camtoworlds, np.float64)
+    centres = camtoworlds[:, :, 3]
+    apart = np.linalg.norm(centres[:, None] - centres, axis=-1)
+    # Views that look elsewhere are no neighbours, and half way there looks nowhere.
+    alike = np.einsum("ni,mi->nm", camtoworlds[:, :, 2], camtoworlds[:, :, 2])
+    apart[(alike < ALIKE) | np.eye(len(centres), dtype=bool)] = np.inf
+    some = np.arange(0, len(centres), BETWEEN)
+    some = some[np.isfinite(apart[some].min(axis=-1))]
+    pairs = np.stack([some, apart[some].argmin(axis=-1)], axis=-1)
+    middles = [poses.average_pose(camtoworlds[pair]) for pair in pairs]
+    cameras = dataclasses.replace(
+        scene.cameras.take(some),
+        camtoworlds=np.array(middles, np.float32).reshape(-1, 3, 4),
+    )
+    lenses = tuple(scene.lenses[view] for view in some)
+    return dataclasses.replace(scene, lenses=lenses, cameras=cameras)
+
+
 def look_around(scene: Scene, render: RenderView) -> list[Sighting]:
     """Renders every view of an undistorted scene."""
     views = range(len(scene.lenses))
     return [
-        _sighting(scene, view, render(view))
+        _sighting(scene, view, render(scene.cameras.take(np.array([view]))))
         for view in progress.track(views, len(views), "looking around", "view")
     ]
 
@@ -63,10 +96,15 @@ def write_all(
     folder: Path,
     scene: Scene,
     sightings: Sequence[Sighting],
+    between: Sequence[Sighting],
     density: Density,
     wanted: Wanted,
 ) -> Facts:
-    """Writes the point cloud, the mesh and the dataset; returns sizes and bounds.
+    """Writes the cloud, the mesh, the splats and the dataset; returns sizes and bounds.
+
+    Args:
+        sightings: of the scene's views.
+        between: of ``between_views``, where splats are wanted.
 
     Raises:
         UserError: no view ends on a surface.
@@ -87,6 +125,20 @@ def write_all(
     for name in ("mesh.ply", "mesh.glb"):
         shapes.write_mesh(folder / name, mesh)
 
+    facts: Facts = {"views": float(len(sightings)), "points": float(len(cloud.points))}
+    facts |= {"triangles": float(len(mesh.faces))}
+    for name, points in (("points", cloud.points), ("mesh", mesh.vertices)):
+        facts |= _bounds(name, points)
+    if wanted.splats:
+        looks = LOOKS[wanted.look]
+        baked = bake(scene, sightings, between, density, wanted.splats, looks)
+        for look, splats in baked.items():
+            name = splats_name(look)
+            facts[name] = float(len(splats))
+            ours = carry_over(splats, world_from_model)
+            splat_files.write_ply(folder / f"{name}.ply", ours)
+            splat_files.write_glb(folder / f"{name}.glb", ours)
+
     names = tuple(
         PurePosixPath(n).with_suffix(".png").as_posix() for n in scene.view_names
     )
@@ -101,10 +153,6 @@ def write_all(
     write_dataset(
         folder / "dataset", pictures, model, cloud.colors[some], (scene.near, scene.far)
     )
-    facts: Facts = {"views": float(len(pictures)), "points": float(len(cloud.points))}
-    facts |= {"triangles": float(len(mesh.faces))}
-    for name, points in (("points", cloud.points), ("mesh", mesh.vertices)):
-        facts |= _bounds(name, points)
     return facts
 
 
@@ -143,17 +191,31 @@ def find_mesh(
     points: Float[np.ndarray, "n 3"],
     resolution: int,
 ) -> Mesh:
-    """The surface through the cloud, cropped to what the views saw, model frame."""
+    """The surface through the cloud, cropped to what the views saw, model frame.
+
+    Raises:
+        UserError: there is none.
+    """
     in_field = to_field_space(scene.space, points)
     level = shapes.choose_threshold(density(in_field))
     vertices, faces = shapes.isosurface(density, in_field, level, resolution)
     vertices = from_field_space(scene.space, vertices)
     seen, colors = mean_colors(vertices, sightings)
     mesh = shapes.keep_faces(Mesh(vertices, faces, colors), seen > 0)
+    if len(mesh.faces) == 0:
+        raise UserError(
+            "no surface is where the views look: the model knows no shape yet; train "
+            "it for longer"
+        )
     steps = SMALLEST_STEP * _distances(scene, mesh.vertices)
     return shapes.face_outwards(
         mesh, normals(density, scene.space, mesh.vertices, steps)
     )
+
+
+def splats_name(look: str) -> str:
+    """The name, without ending, of the files of splats in one of the two looks."""
+    return "splats" if look == "enhanced" else f"splats_{look}"
 
 
 def describe(facts: Facts) -> list[tuple[str, str]]:
@@ -165,7 +227,16 @@ def describe(facts: Facts) -> list[tuple[str, str]]:
         return f"x {ends[0]}, y {ends[1]}, z {ends[2]}"
 
     triangles = f"{facts['triangles']:,.0f} triangles, {box('mesh')}"
+    splats = [
+        (f"{name}.{kind}", f"{facts[name]:,.0f} Gaussian splats, {meaning}")
+        for name, meaning in (
+            (splats_name(look), SPLAT_LOOKS[look]) for look in SPLAT_LOOKS
+        )
+        if name in facts
+        for kind in ("ply", "glb")
+    ]
     return [
+        *splats,
         ("points.ply", f"{facts['points']:,.0f} points, {box('points')}"),
         ("mesh.ply", triangles),
         ("mesh.glb", triangles),
@@ -182,7 +253,8 @@ def _sighting(scene: Scene, view: int, rendering: Rendering | LitRendering) -> S
     scale = float(np.cbrt(np.linalg.det(scene.model_from_world[:3, :3])))
     points = surface_points(scene.space, camtoworld, directions, depth)
     is_surface = depth < BACKGROUND * scale * scene.far
-    return Sighting(lens, camtoworld, color.to_uint8(lit), points, is_surface)
+    dark = color.to_uint8(rendering.rgb)
+    return Sighting(lens, camtoworld, color.to_uint8(lit), dark, points, is_surface)
 
 
 def _distances(

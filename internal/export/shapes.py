@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from internal.errors import UserError
+from internal.export import ply
 from internal.export.density import Density
 from internal.files import atomic
 
@@ -106,33 +107,19 @@ def face_outwards(mesh: Mesh, outwards: Float[np.ndarray, "n 3"]) -> Mesh:
 
 def write_cloud(path: Path, cloud: Cloud) -> None:
     """Writes a PLY with normals and colours, atomically."""
-    import trimesh
-
-    vertices = trimesh.Trimesh(
-        cloud.points,
-        np.zeros((0, 3), int),
-        vertex_normals=cloud.normals,
-        vertex_colors=_with_alpha(cloud.colors),
-        process=False,
-    )
-    _write(path, vertices, vertex_normal=True)
+    names = ("x", "y", "z", "nx", "ny", "nz", "red", "green", "blue")
+    columns = (*cloud.points.T, *cloud.normals.T, *cloud.colors.T)
+    ply.write(path, dict(zip(names, columns, strict=True)))
 
 
 def write_mesh(path: Path, mesh: Mesh) -> None:
     """Writes PLY or GLB by the name's ending, atomically."""
     import trimesh
 
-    colors = _with_alpha(mesh.colors)
+    colors = np.pad(mesh.colors, ((0, 0), (0, 1)), constant_values=255)
     triangles = trimesh.Trimesh(
         mesh.vertices, mesh.faces, vertex_colors=colors, process=False
     )
-    _write(path, triangles)
-
-
-def _write(path: Path, shape: Any, **options: bool) -> None:
+    content: Any = triangles.export(file_type=path.suffix[1:])
     with atomic.writing(path) as partial:
-        partial.write_bytes(shape.export(file_type=path.suffix[1:], **options))
-
-
-def _with_alpha(colors: UInt8[np.ndarray, "n 3"]) -> UInt8[np.ndarray, "n 4"]:
-    return np.pad(colors, ((0, 0), (0, 1)), constant_values=255)
+        partial.write_bytes(content)

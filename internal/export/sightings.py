@@ -22,9 +22,15 @@ class Sighting:
 
     lens: Lens
     camtoworld: Float[np.ndarray, "3 4"]
-    srgb: UInt8[np.ndarray, "height width 3"]
+    srgb: UInt8[np.ndarray, "height width 3"]  # lit
+    dark_srgb: UInt8[np.ndarray, "height width 3"]  # as photographed
     points: Float[np.ndarray, "height width 3"]
     is_surface: Bool[np.ndarray, "height width"]  # not background
+
+    @property
+    def looks(self) -> dict[str, UInt8[np.ndarray, "height width 3"]]:
+        """The pictures by the name that a user gives them."""
+        return {"enhanced": self.srgb, "dark": self.dark_srgb}
 
 
 def surface_points(

@@ -145,7 +145,8 @@ def load_trained(config: Config, mesh: Mesh) -> tuple[Model, TrainState]:
     """The configured model with its newest checkpoint, for rendering.
 
     Raises:
-        UserError: there is no checkpoint, or its model has another shape.
+        UserError: there is no checkpoint, its model has another shape, or it holds
+            what is not a number.
     """
     folder = Path(config.checkpoint_dir)
     if not run_folder.has_begun(folder):
@@ -153,4 +154,10 @@ def load_trained(config: Config, mesh: Mesh) -> tuple[Model, TrainState]:
     model = Model(config.model)
     like = jax.eval_shape(lambda: initial_state(config, model))
     with Checkpoints(folder, config.train.checkpoints_kept) as checkpoints:
-        return model, checkpoints.restore(like, mesh)
+        state = checkpoints.restore(like, mesh)
+    if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(state.params)):
+        raise UserError(
+            f"{folder}: the model of step {int(state.step)} is not finite: training "
+            "diverged; train anew with a lower Optimizer.lr_init"
+        )
+    return model, state
