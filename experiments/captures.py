@@ -11,11 +11,11 @@ import os
 from pathlib import Path
 
 import numpy as np
-from internal.capture import CaptureModel, capture, view_key
 from jaxtyping import Float, UInt8
 
-from internal import image_io
 from internal.color import photo_to_linear, to_uint8
+from internal.files import image_io
+from internal.night.capture import CaptureModel, capture, view_key
 
 SAMPLES = 4096  # pixels of a photo
 SEARCHED = 8  # every so many of them choose the exposure

@@ -9,13 +9,13 @@ The exposure is chosen with the truth for each capture, so that only colour diff
 from collections.abc import Callable
 
 import numpy as np
-from internal.editing import LUMINANCE_WEIGHTS
 from jaxtyping import Float
 
 from benchmarks.workload import markdown
 from experiments import captures
 from experiments.captures import Shot
 from internal.color import photo_to_linear
+from internal.enhancements.look import LUMINANCE_WEIGHTS
 from internal.enhancements.metering import developed
 
 CONTRAST, SHOULDER = 1.2, 2.0

@@ -94,7 +94,7 @@ def darkened(bright: Picture, model: CaptureModel, quality: int) -> Sequence[Pic
     if not quality:
         return [(photo / 255.0).astype(np.float32) for photo in photos]
     pairs = zip(photos, places.tolist(), strict=True)
-    return [through_jpeg(photo, *place, quality) for photo, place in pairs]
+    return [through_jpeg(photo, top, left, quality) for photo, (top, left) in pairs]
 
 
 def through_jpeg(

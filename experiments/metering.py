@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fits the metering of ``internal/metering.py`` and says how it compares.
+"""Fits the metering of ``internal/enhancements/metering.py`` and says how it compares.
 
 python -m experiments.metering
 
 It sees 82 dark and normal photos of a camera and 500 ordinary ones
 (``experiments/captures.py``). Every number in its tables is of pictures left out: eight
-folds over pictures. It writes ``internal/metering.json`` and, for
-``experiments/metering_report.py``, the frozen candidates to ``outputs/metering``.
+folds over pictures. It writes ``internal/enhancements/metering.json`` and the frozen
+candidates to ``outputs/metering``.
 """
 
 import dataclasses

@@ -247,7 +247,69 @@ class TestTransforms:
         write(tmp_path, WORLD)
         for path in tmp_path.glob("*.json"):
             edit_json(path, lambda c: c.update(near=1, far=5.5))
-        np.testing.assert_array_equal(read(tmp_path).bounds, [[1.0, 5.5]])
+        assert (read(tmp_path).bounds == [1.0, 5.5]).all()
+
+    def test_depths_of_frames_are_all_kept(self, tmp_path):
+        write_nerfstudio(tmp_path, WORLD)
+
+        def deepen(content):
+            for number, frame in enumerate(content["frames"]):
+                frame |= {"near": 1.0 + number, "far": 9.0 + number}
+
+        edit_json(tmp_path / "transforms.json", deepen)
+        bounds = read(tmp_path).bounds
+        assert (bounds[:, 0].min(), bounds[:, 1].max()) == (1.0, 8.0 + len(bounds))
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            lambda path: path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes()),
+            lambda path: path.write_text(path.read_text(), encoding="utf-16"),
+            lambda path: path.write_text(
+                path.read_text().replace("images/", "C:\\\\photos\\\\images\\\\")
+            ),
+            lambda path: path.write_text(
+                path.read_text().replace("images/", "/home/somebody/scene/images/")
+            ),
+        ],
+        ids=["mark", "utf-16", "windows", "elsewhere"],
+    )
+    def test_encodings_and_paths_of_other_machines(self, tmp_path, change):
+        write_nerfstudio(tmp_path, WORLD)
+        expected = read(tmp_path)
+        change(tmp_path / "transforms.json")
+        again = read(tmp_path)
+        assert again.image_paths == expected.image_paths
+        assert again.names == expected.names
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            ({"k4": 0.01}, "k4 of .* no such term"),
+            ({"camera_angle_x": 60.0, "fl_x": None}, "radians"),
+            ({"test_filenames": ["images/none.png"]}, "test views"),
+        ],
+    )
+    def test_what_would_be_misread_is_refused(self, tmp_path, change, message):
+        write_nerfstudio(tmp_path, WORLD)
+
+        def edit(content):
+            content |= change
+            for frame in (content, *content["frames"]):
+                for key in [k for k, value in change.items() if value is None]:
+                    frame.pop(key, None)
+
+        edit_json(tmp_path / "transforms.json", edit)
+        with pytest.raises(UserError, match=message):
+            read(tmp_path)
+
+    def test_a_test_view_without_its_photo_is_left_out_and_said(self, tmp_path, capsys):
+        write_blender(tmp_path, WORLD)
+        test = tmp_path / "transforms_test.json"
+        edit_json(test, lambda c: c["frames"][0].update(file_path="./high/secret.jpg"))
+        files = read(tmp_path)
+        assert "secret.jpg" in capsys.readouterr().out
+        assert all("secret" not in name for name in files.names)
 
     @pytest.mark.parametrize("extension", [".JPG", ""])
     def test_extension_and_case_are_found(self, tmp_path, extension):

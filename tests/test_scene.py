@@ -228,12 +228,15 @@ class TestBounds:
         assert dirty.near == pytest.approx(clean.near, rel=0.05)
         assert dirty.far == pytest.approx(clean.far, rel=0.05)
 
-    def test_no_source_says_what_to_type(self, tmp_path):
+    def test_without_depths_and_points_the_cameras_say_a_wide_range(
+        self, tmp_path, capsys
+    ):
         write_nerfstudio(tmp_path, WORLD)
-        with pytest.raises(UserError, match=r'--gin_bindings="Config\.near = 0\.5"'):
-            load(tmp_path)
-        with pytest.raises(UserError, match="no depth range"):
-            load(tmp_path, near=1.0)
+        scene = load(tmp_path)
+        assert isinstance(scene.space, Unbounded)
+        assert scene.near < 1.0 and scene.far > 20.0
+        assert "guessed from the cameras" in capsys.readouterr().out
+        assert load(tmp_path, near=1.5).near == 1.5
 
     @pytest.mark.parametrize(
         ("near", "far"), [(5.0, 5.0), (6.0, 5.0), (-1.0, 5.0), (1.0, np.inf)]

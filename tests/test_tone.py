@@ -143,7 +143,7 @@ def test_a_vivid_scene_keeps_its_colours_at_any_darkness(darkness):
 
 
 def test_a_pale_scene_gets_the_least_colour_of_normal_photos():
-    curve, enhanced = metered(scene_of((1.0, 0.85, 0.8), 0.03))
+    curve, enhanced = metered(scene_of((1.0, 0.75, 0.67), 0.03))
     spread = jnp.mean(jnp.max(enhanced, -1) - jnp.min(enhanced, -1))
     assert 1.0 < curve.saturation < 1.95
     assert spread == pytest.approx(0.14, abs=0.005)

@@ -59,18 +59,19 @@ def find_bounds(
     Raises:
         UserError: there is no source for one of them, or they are out of order.
     """
-    source = "given"
+    source, guessed = "given", False
     if not (near and far):
         found = _bounds_from_file(files) or _bounds_from_points(files, lenses, is_train)
         found = found or _bounds_from_cameras(files)
         source = f"one given, else {found.source}" if near or far else found.source
         near, far = near or found.near, far or found.far
+        guessed = found.guessed
     if not 0.0 < near < far < np.inf:
         raise UserError(
             f"{files.pose_paths[0]}: near {near:g}, far {far:g} ({source}); expected "
             "0 < near < far: set Config.near and Config.far"
         )
-    return Bounds(near, far, source)
+    return Bounds(near, far, source, guessed)
 
 
 def _bounds_from_cameras(files: SceneFiles) -> Bounds:

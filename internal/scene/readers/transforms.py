@@ -228,8 +228,8 @@ def _find_picture(frame: _Frame) -> Path:
     found = _alike(frame)
     if found is None:
         raise UserError(
-            f"{frame.image_path}: image not found, but {frame.json_path} lists it; copy "
-            "it there or remove its frame"
+            f"{frame.image_path}: image not found, but {frame.json_path} lists it; "
+            "copy it there or remove its frame"
         )
     return found
 
