@@ -151,7 +151,7 @@ def test_empty_lens_is_refused():
 
 
 @pytest.mark.parametrize("binary", [True, False], ids=["bin", "txt"])
-@pytest.mark.parametrize("folder", colmap.MODEL_FOLDERS)
+@pytest.mark.parametrize("folder", [*colmap.MODEL_ROOTS, "sparse/0", "colmap_sparse/3"])
 def test_model_reads_as_written_sorted_by_name(tmp_path, folder, binary):
     world = dataclasses.replace(facing_world(), lens=LENSES[4])
     write_model(tmp_path / folder, world, binary)

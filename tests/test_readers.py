@@ -445,11 +445,31 @@ class TestColmap:
         (tmp_path / "images").rename(tmp_path / "low")
         assert read(tmp_path).image_paths[0] == tmp_path / "low" / "00.png"
 
-    def test_missing_pictures_are_refused(self, tmp_path):
+    def test_a_pose_whose_photo_is_gone_is_left_out_and_said(self, tmp_path, capsys):
         write_colmap(tmp_path, WORLD)
+        whole = read(tmp_path)
         (tmp_path / "images" / "03.png").unlink()
-        with pytest.raises(UserError, match=r"'03\.png' has no partner"):
+        rest = read(tmp_path)
+        assert "03.png left out" in capsys.readouterr().out
+        kept = [view for view, name in enumerate(whole.names) if name != "03.png"]
+        assert rest.names == tuple(whole.names[view] for view in kept)
+        np.testing.assert_array_equal(rest.camtoworlds, whole.camtoworlds[kept])
+        assert [path.name for path in rest.image_paths] == list(rest.names)
+
+    def test_photos_of_other_names_are_no_partners(self, tmp_path):
+        write_colmap(tmp_path, WORLD)
+        for path in list((tmp_path / "images").iterdir()):
+            path.rename(path.with_name(f"renamed_{path.name}"))
+        with pytest.raises(UserError, match="none of its"):
             read(tmp_path)
+
+    def test_of_several_models_the_largest_is_taken(self, tmp_path):
+        write_colmap(tmp_path, WORLD)
+        whole = read(tmp_path)
+        (tmp_path / "sparse" / "0").rename(tmp_path / "sparse" / "1")
+        few = dataclasses.replace(WORLD, camtoworlds=WORLD.camtoworlds[:3])
+        write_model(tmp_path / "sparse" / "0", few)
+        assert read(tmp_path).names == whole.names
 
     def test_photos_without_a_pose_are_left_out(self, tmp_path):
         write_colmap(tmp_path, WORLD)

@@ -411,7 +411,7 @@ class TestPictures:
     def test_another_shape_is_refused(self, tmp_path):
         write_llff(tmp_path, WORLD)
         image_io.write(tmp_path / "images" / "03.png", flat_picture(5.0, 18, 24))
-        with pytest.raises(UserError, match=r"03\.png: 18x24 pixels, .* for 24x18"):
+        with pytest.raises(UserError, match=r"03\.png: 18x24 pixels .* for 24x18"):
             load(tmp_path)
 
     @pytest.mark.parametrize(
@@ -441,9 +441,22 @@ class TestPictures:
         with pytest.raises(UserError, match=r"03\.DNG: RAW photo"):
             load(tmp_path, **BOUNDS)
 
+    @pytest.mark.parametrize("write", [write_llff, write_colmap])
+    def test_poses_of_colmap_and_llff_mean_pixels_as_stored(self, tmp_path, write):
+        write(tmp_path, WORLD)
+        stored = flat_picture(40.0)
+        stored[9:] = 0.0
+        buffer = oiio.ImageBuf(np.ascontiguousarray(stored))
+        buffer.specmod()["Orientation"] = 3  # upside down
+        buffer.set_write_format("uint8")
+        (tmp_path / "images" / "00.png").unlink()
+        assert buffer.write(str(tmp_path / "images" / "00.jpg"))
+        image = load(tmp_path, "test").images[0]
+        assert image[:8].min() > 37 * 257 and image[10:].max() < 3 * 257
+
     def test_exif_orientation_is_applied(self, tmp_path):
         """Stored 18x24 lying on its side (6: turn clockwise), seen as 24x18."""
-        write_llff(tmp_path, WORLD)
+        write_nerfstudio(tmp_path, WORLD)
         stored = flat_picture(40.0, 18, 24)
         stored[12:] = 0.0  # the bottom half comes to the left
         buffer = oiio.ImageBuf(np.ascontiguousarray(stored))

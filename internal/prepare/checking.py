@@ -43,7 +43,7 @@ def check_scene(data_dir: Path, folder: Path) -> Report:
     truth = find_truth(files, data_dir, "")
     count = len(files.names)
     photos = [
-        statistics.measure(image_io.read_srgb(path))
+        statistics.measure(image_io.read_srgb(path, files.upright))
         for path in progress.track(files.image_paths, count, "reading photos", "photo")
     ]
     copies = [_copy(lens) for lens in lenses]
@@ -155,7 +155,7 @@ def _match_neighbours(files: SceneFiles, copies: list[Copy], work: Path) -> Pixe
     attempts.make_copies(
         way.recipe,
         len(copies),
-        lambda view: image_io.read_srgb(files.image_paths[view]),
+        lambda view: image_io.read_srgb(files.image_paths[view], files.upright),
         work,
     )
     database = work / "database.db"
@@ -171,7 +171,7 @@ def _exposures(files: SceneFiles, copies: list[Copy], pixels: PixelPairs) -> Exp
     ends = np.concatenate([np.empty((0, 2, 2)), *pixels.values()])
     log_light = np.full((len(ends), 2, 3), np.nan)
     for view, (path, copy) in enumerate(zip(files.image_paths, copies, strict=True)):
-        srgb = image_io.read_srgb(path)
+        srgb = image_io.read_srgb(path, files.upright)
         scale = np.array(srgb.shape[1::-1]) / [copy.width, copy.height]
         rows = views == view
         log_light[rows] = exposures.sample_light(srgb, ends[rows] * scale)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """COLMAP: lens models and reconstructions.
 
-``prepare/matching.py`` and ``prepare/mapping.py`` run it; no other module imports
-pycolmap.
+``prepare/matching.py`` and ``prepare/mapping.py`` run it, ``colmap_files`` reads its
+files; no other module imports pycolmap.
 
 Frames: COLMAP cameras are OpenCV (x right, y down, z forwards); everything that
 leaves this module is OpenGL (x right, y up, z backwards). Pixel coordinates are
@@ -16,14 +16,18 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 from jaxtyping import Float, UInt8
+from scipy.spatial.transform import Rotation
 
 from internal.cameras import Lens, node_positions
 from internal.errors import UserError
+from internal.files.listing import say_once
+from internal.scene import colmap_files
 
 # It reports every file it reads and every attempt that fails on stderr.
 pycolmap.logging.minloglevel = 3
 
-MODEL_FOLDERS = ("sparse/0", "sparse", "colmap_sparse/0", "colmap/sparse/0")
+# A model lies in one of these or in a numbered folder of it.
+MODEL_ROOTS = ("sparse", "colmap_sparse", "colmap/sparse")
 # Beyond this angle from the axis, depth is no measure of distance along a ray.
 WIDEST_DEPTH_ANGLE = math.radians(84.0)
 ROUND_TRIP_TOLERANCE = 0.05  # pixels
@@ -96,9 +100,7 @@ def half_angle(lens: Lens) -> float:
     """
     if _camera(lens).is_spherical():
         return math.pi
-    pixels = _pixel_centres(lens)
-    border = [pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]]
-    depths = -pixel_rays(lens, np.concatenate(border))[:, 2]
+    depths = -pixel_rays(lens, _border(lens))[:, 2]
     return float(np.arccos(np.clip(depths, -1.0, 1.0)).max())
 
 
@@ -179,14 +181,36 @@ def pinhole(lens: Lens) -> Lens:
     return Lens("PINHOLE", lens.width, lens.height, params)
 
 
+def find_models(data_dir: Path) -> tuple[Path, ...]:
+    """The whole models of the first of ``MODEL_ROOTS`` that holds any, in order of
+    their numbers; one that has no number comes last."""
+    for root in (data_dir / name for name in MODEL_ROOTS):
+        numbered = [path for path in root.glob("*") if path.name.isdecimal()]
+        folders = [*sorted(numbered, key=lambda path: int(path.name)), root]
+        found = tuple(path for path in folders if colmap_files.model_ending(path))
+        if found:
+            return found
+    return ()
+
+
 def find_model(data_dir: Path) -> Path | None:
-    """The first of ``MODEL_FOLDERS`` that holds a whole model, text or binary."""
-    for folder in (data_dir / name for name in MODEL_FOLDERS):
-        for ending in (".bin", ".txt"):
-            parts = ("cameras", "images", "points3D")
-            if all((folder / f"{part}{ending}").is_file() for part in parts):
-                return folder
-    return None
+    """The model of most registered images, text or binary; says so if others are
+    there: COLMAP writes several where it cannot join all photos.
+
+    Raises:
+        UserError: there are several, and the images of one cannot be read.
+    """
+    folders = find_models(data_dir)
+    if len(folders) < 2:
+        return folders[0] if folders else None
+    counts = {folder: len(colmap_files.read_images(folder)) for folder in folders}
+    largest = max(folders, key=lambda folder: counts[folder])
+    others = [f"{f.name} has {counts[f]}" for f in folders if f != largest]
+    say_once(
+        f"{largest}: taken, the largest of {len(folders)} COLMAP models, with "
+        f"{counts[largest]} photos; {', '.join(others)}"
+    )
+    return largest
 
 
 def read_model(folder: Path) -> Reconstruction:
@@ -195,30 +219,23 @@ def read_model(folder: Path) -> Reconstruction:
     Raises:
         UserError: files are missing or broken, or no image is registered.
     """
-    try:
-        model = pycolmap.Reconstruction(str(folder))
-        images = sorted(
-            (model.image(i) for i in model.reg_image_ids()), key=lambda i: i.name
-        )
-        lenses = tuple(_lens(model.camera(image.camera_id)) for image in images)
-    except (ValueError, IndexError, RuntimeError, MemoryError) as error:
-        reason = str(error).splitlines()[0]
-        raise UserError(
-            f"{folder}: not a readable COLMAP model ({reason}); expected cameras, "
-            "images and points3D, all .bin or all .txt: export the model again"
-        ) from error
+    model = colmap_files.read_files(folder)
+    images = model.images
     if not images:
         raise UserError(
             f"{folder}: the COLMAP model has no registered image; run the mapper "
             "again, on brightened copies of the photos if they are very dark"
         )
-    camtoworlds = [i.cam_from_world().inverse().matrix() for i in images]
-    points = [point.xyz for point in model.points3D.values()]
+    quaternions = [image.quaternion for image in images]
+    rotations = Rotation.from_quat(quaternions, scalar_first=True).inv().as_matrix()
+    translations = np.array([image.translation for image in images])
+    centres = -rotations @ translations[:, :, None]
+    camtoworlds = np.concatenate([rotations, centres], axis=-1)
     return Reconstruction(
         names=tuple(image.name for image in images),
-        lenses=lenses,
-        camtoworlds=np.stack(camtoworlds) * np.append(OPENGL_FROM_OPENCV, 1.0),
-        points=np.array(points, np.float64).reshape(-1, 3),
+        lenses=tuple(model.cameras[image.camera] for image in images),
+        camtoworlds=camtoworlds * np.append(OPENGL_FROM_OPENCV, 1.0),
+        points=model.points,
     )
 
 
@@ -284,6 +301,14 @@ def _lens(camera: pycolmap.Camera) -> Lens:
 def _pixel_centres(lens: Lens) -> Float[np.ndarray, "height width 2"]:
     x, y = np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5
     return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def _border(lens: Lens) -> Float[np.ndarray, "pixels 2"]:
+    """Centres of the border pixels alone: a size may be a mistake and huge."""
+    x, y = np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5
+    rows = [np.stack([x, np.full_like(x, at)], axis=-1) for at in (y[0], y[-1])]
+    columns = [np.stack([np.full_like(y, at), y], axis=-1) for at in (x[0], x[-1])]
+    return np.concatenate([*rows, *columns])
 
 
 def _with_two_focals(lens: Lens) -> Lens:

@@ -81,13 +81,13 @@ def fit_lenses(files: SceneFiles, factor: int) -> tuple[Lens, ...]:
         raise UserError(f"Config.factor = {factor}: expected 1 or more")
     fitted = []
     for path, lens in zip(files.image_paths, files.lenses, strict=True):
-        width, height = image_io.read_size(path)
-        stretch = (width * lens.height) / (height * lens.width)
-        if abs(stretch - 1.0) > ASPECT_TOLERANCE:
+        width, height = image_io.read_size(path, files.upright)
+        if not _has_shape(width, height, lens):
+            turned = "turned by EXIF orientation" if files.upright else "as stored"
             raise UserError(
-                f"{path}: {width}x{height} pixels, but its lens is stated for "
+                f"{path}: {width}x{height} pixels {turned}, but its lens is stated for "
                 f"{lens.width}x{lens.height}, another shape; use the photos that the "
-                "poses were estimated from (turned by EXIF orientation, not cropped)"
+                "poses were estimated from, not turned or cropped since"
             )
         if factor > min(width, height):
             raise UserError(f"{path}: {width}x{height} pixels over factor {factor}")
@@ -125,13 +125,14 @@ def find_truth(files: SceneFiles, data_dir: Path, gt_dir: str) -> Truth:
 
 
 def load_picture(
-    path: Path, lens: Lens, *, unrounded: bool = False
+    path: Path, lens: Lens, upright: bool = True, *, unrounded: bool = False
 ) -> UInt16[np.ndarray, "_h _w 3"]:
-    """A picture at the size of its lens; ``unrounded``: see ``internal/scene/unround``.
+    """A picture, upright or as stored, at the size of its lens; ``unrounded``: see
+    ``internal/scene/unround``.
 
     Unrounded after shrinking, which keeps the bounds of rounding and costs less.
     """
-    srgb = image_io.read_srgb(path)
+    srgb = image_io.read_srgb(path, upright)
     shrunk = _fit(srgb, lens)
     if unrounded and is_rounded(srgb):
         shrunk = unround(shrunk)
@@ -174,16 +175,20 @@ def load_gains(
 
 
 def load_truth(
-    path: Path, dark_path: Path, lens: Lens
+    path: Path, dark_path: Path, lens: Lens, upright: bool
 ) -> UInt16[np.ndarray, "_h _w 3"]:
     """A normal-light twin at the size of the dark picture's lens.
+
+    Where the dark pictures are taken as stored, so is a twin whose stored pixels
+    have their shape; another lost its orientation or got one: it is taken upright.
 
     Raises:
         UserError: the sizes differ by more than one pixel.
     """
-    truth = image_io.read_srgb(path)
+    as_stored = not upright and _has_shape(*image_io.read_size(path, False), lens)
+    truth = image_io.read_srgb(path, not as_stored)
     height, width, _ = truth.shape
-    dark_width, dark_height = image_io.read_size(dark_path)
+    dark_width, dark_height = image_io.read_size(dark_path, upright)
     difference = max(abs(width - dark_width), abs(height - dark_height))
     if difference > 1:
         raise UserError(
@@ -194,6 +199,11 @@ def load_truth(
     if difference == 1:
         print(f"warning: {path}: one pixel off {dark_path}; resized to its size")
     return _to_uint16(_fit(truth, lens))
+
+
+def _has_shape(width: int, height: int, lens: Lens) -> bool:
+    stretch = (width * lens.height) / (height * lens.width)
+    return abs(stretch - 1.0) <= ASPECT_TOLERANCE
 
 
 def _fit(

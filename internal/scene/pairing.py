@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path, PurePosixPath
+from urllib.parse import unquote
 
 from internal.errors import UserError
 from internal.files.listing import composed, list_pictures, say_once
@@ -102,6 +103,36 @@ def pair_by_name(
     )
 
 
+def match_by_name(names: Sequence[str], candidates: Sequence[str]) -> dict[str, str]:
+    """The candidate that each name means; names that mean none are left out.
+
+    Equal names first; then names equal up to slash direction, "./", URL escapes and
+    Unicode's form, then also up to extension and case, each with its folders or,
+    last, without them, as far as both sides have one name of that kind.
+    """
+    found: dict[str, str] = {}
+    for key in _LOOSER:
+        taken = set(found.values())
+        waiting = _by_key([name for name in names if name not in found], key)
+        free = _by_key([name for name in candidates if name not in taken], key)
+        for shared in waiting.keys() & free.keys():
+            if len(waiting[shared]) == len(free[shared]) == 1:
+                found[waiting[shared][0]] = free[shared][0]
+    return {name: found[name] for name in names if name in found}
+
+
+def _by_key(names: Sequence[str], key: Callable[[str], str]) -> dict[str, list[str]]:
+    by_key: dict[str, list[str]] = {}
+    for name in dict.fromkeys(names):
+        by_key.setdefault(key(name), []).append(name)
+    return by_key
+
+
+def _plain(name: str) -> str:
+    """A name as the file system would show it: slashes, no "./", no URL escapes."""
+    return PurePosixPath(composed(unquote(name).replace("\\", "/"))).as_posix()
+
+
 def _pair_by_key(
     names: Sequence[str], candidates: Sequence[str], key: Callable[[str], str]
 ) -> list[str]:
@@ -134,6 +165,15 @@ def _natural(name: str) -> list[tuple[int, int, str]]:
     return [(0, int(p), "") if p.isdecimal() else (1, 0, p.casefold()) for p in parts]
 
 
+_LOOSER: tuple[Callable[[str], str], ...] = (
+    str,
+    _plain,
+    lambda name: _stem(_plain(name)),
+    lambda name: _folded(_plain(name)),
+    lambda name: PurePosixPath(_plain(name)).name,
+    lambda name: PurePosixPath(_stem(_plain(name))).name,
+    lambda name: PurePosixPath(_folded(_plain(name))).name,
+)
 _KEYS: tuple[tuple[str, Callable[[str], str]], ...] = (
     ("equal names", str),
     ("equal names up to the extension", _stem),

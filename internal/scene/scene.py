@@ -162,14 +162,18 @@ def load_scene(
         cameras=posed_cameras(own_lenses, camtoworlds),
         images=hold(
             (
-                load_picture(files.image_paths[v], lenses[v], unrounded=unrounds)
+                load_picture(
+                    files.image_paths[v], lenses[v], files.upright, unrounded=unrounds
+                )
                 for v in views
             ),
             max_image_memory,
         ),
         truth=hold(
             (
-                load_truth(truth.paths[v], files.image_paths[v], lenses[v])
+                load_truth(
+                    truth.paths[v], files.image_paths[v], lenses[v], files.upright
+                )
                 for v in views
                 if truth.paths
             ),

@@ -31,6 +31,7 @@ class SceneFiles:
     points: Float[np.ndarray, "m 3"]  # sparse points in the same frame; m may be 0
     bounds: Float[np.ndarray, "b 2"]  # near, far along the axis: b is 0, 1 or n
     test_names: frozenset[str] | None  # None: the files state no split
+    upright: bool = True  # poses mean photos turned by EXIF, else pixels as stored
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,47 +1,97 @@
 # SPDX-License-Identifier: Apache-2.0
-"""COLMAP scenes: a sparse model beside a folder of pictures."""
+"""COLMAP scenes: a sparse model beside a folder of pictures.
 
+Poses belong to the pixels as stored: COLMAP does not turn photos by EXIF.
+"""
+
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from internal.errors import UserError
-from internal.scene.colmap import MODEL_FOLDERS, find_model, read_model
-from internal.scene.pairing import find_input_folder, pair_by_name
+from internal.files.listing import list_pictures, say_once
+from internal.scene.colmap import MODEL_ROOTS, find_model, find_models, read_model
+from internal.scene.pairing import find_input_folder, match_by_name, pair_by_name
 from internal.scene.readers.base import Reader, SceneFiles
+
+SHOWN = 10  # names in a message
 
 
 def matches(data_dir: Path) -> bool:
-    return find_model(data_dir) is not None
+    return bool(find_models(data_dir))
 
 
 def read(data_dir: Path, images_dir: str) -> SceneFiles:
     """Reads the registered images; photos that COLMAP could not place are left out.
 
     Raises:
-        UserError: the model is broken or pictures are missing.
+        UserError: the model is broken or no picture is of it.
     """
     folder = find_model(data_dir)
     if folder is None:
         raise UserError(f"{data_dir}: no COLMAP model; looked for {COLMAP.looked_for}")
     model = read_model(folder)
-    paths, _ = pair_by_name(model.names, find_input_folder(data_dir, images_dir))
+    pictures = find_input_folder(data_dir, images_dir)
+    paths = _pair(folder, model.names, pictures, bool(images_dir))
+    kept = [view for view, name in enumerate(model.names) if name in paths]
     return SceneFiles(
         format=COLMAP.name,
-        names=model.names,
-        pose_paths=(folder,) * len(model.names),
-        image_paths=paths,
-        lenses=model.lenses,
-        camtoworlds=model.camtoworlds,
+        names=tuple(model.names[view] for view in kept),
+        pose_paths=(folder,) * len(kept),
+        image_paths=tuple(paths[model.names[view]] for view in kept),
+        lenses=tuple(model.lenses[view] for view in kept),
+        camtoworlds=model.camtoworlds[kept],
         points=model.points,
         bounds=np.empty((0, 2)),
         test_names=None,
+        upright=False,
     )
+
+
+def _pair(
+    folder: Path, names: Sequence[str], pictures: Path, is_chosen: bool
+) -> dict[str, Path]:
+    """The picture of each pose, by name; says which have none, either way.
+
+    In a folder that the user chose, where no name fits, pictures may be renamed.
+    """
+    listed = list_pictures(pictures)
+    matched = match_by_name(names, listed)
+    if not matched and is_chosen:
+        paths, rule = pair_by_name(names, pictures)
+        say_once(f"{pictures}: paired with the poses of {folder} by {rule}")
+        return dict(zip(names, paths, strict=True))
+    if not matched:
+        raise UserError(
+            f"{pictures}: none of its {len(listed)} pictures, e.g. {listed[0]!r}, is "
+            f"named in {folder}, e.g. {names[0]!r}; copy the photos that COLMAP read, "
+            "under their names"
+        )
+    gone = [name for name in names if name not in matched]
+    if gone:
+        say_once(
+            f"{folder}: {len(gone)} of {len(names)} poses have no photo in {pictures}: "
+            f"{_some(gone)} left out"
+        )
+    unposed = sorted(set(listed) - set(matched.values()))
+    if unposed:
+        say_once(
+            f"{pictures}: {len(unposed)} of {len(listed)} photos have no pose in "
+            f"{folder}: {_some(unposed)} left out"
+        )
+    return {name: pictures / matched[name] for name in matched}
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return ", ".join(names[:SHOWN]) + more
 
 
 COLMAP = Reader(
     "colmap",
-    f"cameras, images and points3D (.bin or .txt) in {', '.join(MODEL_FOLDERS)}",
+    f"cameras, images and points3D (.bin or .txt) in {', '.join(MODEL_ROOTS)} "
+    "or a numbered folder of these such as sparse/0",
     matches,
     read,
 )

@@ -3,7 +3,8 @@
 
 Each row holds a 3x5 matrix and two depths. The matrix has the camera's down,
 right and backward axes, its centre, and (height, width, focal length) in pixels
-of the full-size photos. Row i belongs to the i-th picture in order of names.
+of the full-size photos, as stored: the EXIF orientation does not count. Row i
+belongs to the i-th picture in order of names.
 """
 
 from pathlib import Path
@@ -12,12 +13,13 @@ import numpy as np
 from jaxtyping import Float
 
 from internal.cameras import Lens
-from internal.errors import UserError
+from internal.errors import UserError, one_line
 from internal.files.listing import list_pictures
 from internal.scene.pairing import find_input_folder
 from internal.scene.readers.base import Reader, SceneFiles
 
 POSES_FILE = "poses_bounds.npy"
+LARGEST_NUMBER = 1e9  # pixels or units: beyond, it is a mistake
 
 
 def matches(data_dir: Path) -> bool:
@@ -51,22 +53,29 @@ def read(data_dir: Path, images_dir: str) -> SceneFiles:
         points=np.empty((0, 3)),
         bounds=rows[:, 15:],
         test_names=None,
+        upright=False,
     )
 
 
 def _read_rows(path: Path) -> Float[np.ndarray, "n 17"]:
     try:
         rows = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
-        raise UserError(f"{path}: not a NumPy file ({error}); copy it again") from error
+    except Exception as error:  # a broken header raises what Python's parser raises
+        reason = one_line(error)
+        raise UserError(
+            f"{path}: not a NumPy file ({reason}); copy it again"
+        ) from error
+    if not isinstance(rows, np.ndarray) or rows.dtype.kind not in "fiu":
+        raise UserError(f"{path}: not an array of numbers; copy it again")
     if rows.ndim != 2 or rows.shape[1] != 17:
         raise UserError(
             f"{path}: shape {rows.shape}; expected (views, 17), as written by LLFF's "
             "imgs2poses.py"
         )
     rows = rows.astype(np.float64)
-    broken = ~np.isfinite(rows[:, [4, 9, 14, 15, 16]]).all(axis=1)
-    if broken.any() or (rows[:, [4, 9, 14]] <= 0.0).any():
+    stated = rows[:, [4, 9, 14, 15, 16]]
+    broken = ~((stated > 0.0) & (stated < LARGEST_NUMBER)).all(axis=1)
+    if broken.any():
         raise UserError(
             f"{path}: picture size, focal length or depths of row "
             f"{int(broken.argmax())} are not positive numbers; run LLFF's "

@@ -173,17 +173,31 @@ def _scene_files(
         image_paths, _ = pair_by_name(names, data_dir / images_dir)
     camtoworlds = np.stack([_camtoworld(frame) for frame in by_name.values()])
     test_names = frozenset(n for n, frame in by_name.items() if frame.is_test)
+    lenses = tuple(_lens(frame) for frame in by_name.values())
     return SceneFiles(
         format=name,
         names=names,
         pose_paths=tuple(frame.json_path for frame in by_name.values()),
         image_paths=image_paths,
-        lenses=tuple(_lens(frame) for frame in by_name.values()),
+        lenses=lenses,
         camtoworlds=camtoworlds,
         points=_sparse_points(data_dir, names, camtoworlds),
         bounds=_bounds(frames),
         test_names=test_names or None,
+        upright=_means_upright(image_paths, lenses),
     )
+
+
+def _means_upright(paths: Sequence[Path], lenses: Sequence[Lens]) -> bool:
+    """Whether poses mean photos as turned by their EXIF orientation, as far as the
+    stated sizes tell: not if they fit the stored pixels alone."""
+    for path, lens in zip(paths, lenses, strict=True):
+        turned, stored = image_io.read_size(path), image_io.read_size(path, False)
+        is_wide = lens.width > lens.height
+        if turned != stored and is_wide == (stored[0] > stored[1]):
+            print(f"  {path}: taken as stored, without its EXIF turn, as its size says")
+            return False
+    return True
 
 
 def _with_pictures(frames: Sequence[_Frame]) -> list[_Frame]:

@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The files of a COLMAP model, binary or text, read without trust in what they state.
+
+Only what a scene needs is kept: cameras, posed images, points; what the images
+observe is passed over, so tracks may contradict each other (as edited models' do).
+Counts and lengths are checked against the file's size before anything is read by
+them: a corrupt file ends at once. Frames are COLMAP's: OpenCV, world to camera.
+"""
+
+import dataclasses
+import itertools
+import math
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pycolmap
+from jaxtyping import Float, UInt8
+
+from internal.cameras import Lens
+from internal.errors import UserError
+
+PARTS = ("cameras", "images", "points3D")
+ENDINGS = (".bin", ".txt")  # binary first, as COLMAP prefers it
+LARGEST_SIDE = 2**17  # pixels: beyond any photo
+SHORTEST = 1e-6  # a quaternion that says nothing; others are brought to unit length
+POINT_2D = struct.calcsize("<ddq")
+TRACK_ELEMENT = struct.calcsize("<ii")
+
+_MODELS = {
+    int(kind): (name, len(pycolmap.Camera(model=name).params_info.split(",")))
+    for name, kind in pycolmap.CameraModelId.__members__.items()
+    if name != "INVALID"
+}
+_COUNTS = dict(_MODELS.values())
+_T = TypeVar("_T")
+
+
+@dataclasses.dataclass(frozen=True)
+class Image:
+    """A registered image."""
+
+    name: str  # with any subfolder
+    camera: int
+    quaternion: tuple[float, ...]  # w, x, y, z: camera from world
+    translation: tuple[float, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+    """What the three files of a model state."""
+
+    cameras: dict[int, Lens]
+    images: tuple[Image, ...]
+    points: Float[np.ndarray, "m 3"]
+    colors: UInt8[np.ndarray, "m 3"]
+    errors: Float[np.ndarray, " m"]  # mean reprojection error, pixels
+
+
+class _Corrupt(Exception):
+    """What is wrong with a file."""
+
+
+def model_ending(folder: Path) -> str:
+    """Whether the model in a folder is ".bin" or ".txt"; "" where it is not whole."""
+    for ending in ENDINGS:
+        if all((folder / f"{part}{ending}").is_file() for part in PARTS):
+            return ending
+    return ""
+
+
+def read_files(folder: Path) -> Model:
+    """Reads a model.
+
+    Raises:
+        UserError: a file is missing, cut short or corrupt, or the files contradict
+            each other.
+    """
+    ending = model_ending(folder)
+    if not ending:
+        raise UserError(
+            f"{folder}: not a readable COLMAP model (a file is missing); expected "
+            "cameras, images and points3D, all .bin or all .txt: export it again"
+        )
+    lenses = _read(folder / f"cameras{ending}", _camera_bin, _camera_txt)
+    cameras = dict(lenses)
+    images = read_images(folder)
+    points = _read(folder / f"points3D{ending}", _point_bin, _point_txt)
+    if len(cameras) < len(lenses):
+        raise _unreadable(folder / f"cameras{ending}", "two cameras have one number")
+    for image in images:
+        if image.camera not in cameras:
+            reason = f"{image.name}: there is no camera {image.camera}"
+            raise _unreadable(folder / f"images{ending}", reason)
+    rows = np.array(points, np.float64).reshape(-1, 7)
+    if not np.isfinite(rows[:, :3]).all():
+        raise _unreadable(folder / f"points3D{ending}", "a point is not finite")
+    return Model(
+        cameras, images, rows[:, :3], rows[:, 3:6].astype(np.uint8), rows[:, 6]
+    )
+
+
+def read_images(folder: Path) -> tuple[Image, ...]:
+    """The registered images of a whole model, sorted by name.
+
+    Raises:
+        UserError: the file is cut short or corrupt, or names an image twice.
+    """
+    path = folder / f"images{model_ending(folder)}"
+    images = sorted(_read(path, _image_bin, _image_txt), key=lambda image: image.name)
+    for image, following in itertools.pairwise(images):
+        if image.name == following.name:
+            raise _unreadable(path, f"image {image.name!r} is there twice")
+    return tuple(images)
+
+
+def _read(
+    path: Path,
+    from_bytes: Callable[["_Bytes"], _T],
+    from_lines: Callable[["_Lines"], _T],
+) -> list[_T]:
+    """All records of a file, by its ending."""
+    try:
+        content = path.read_bytes()
+        if path.suffix == ".bin":
+            return _records(_Bytes(content), from_bytes)
+        lines = _Lines(content.decode("utf-8-sig", errors="replace"))
+        return list(lines.records(from_lines))
+    except (_Corrupt, OSError) as error:
+        raise _unreadable(path, str(error)) from error
+
+
+def _unreadable(path: Path, reason: str) -> UserError:
+    return UserError(
+        f"{path}: not a readable COLMAP model ({reason}); copy it or export it again"
+    )
+
+
+class _Bytes:
+    """A binary file and the place in it that is read next."""
+
+    def __init__(self, content: bytes) -> None:
+        self.content = content
+        self.place = 0
+
+    def take(self, layout: str) -> tuple[Any, ...]:
+        start = self.place
+        self.skip(1, struct.calcsize(layout))
+        return struct.unpack_from(layout, self.content, start)
+
+    def skip(self, count: int, size: int) -> None:
+        """Passes over ``count`` things of ``size`` bytes."""
+        left = len(self.content) - self.place
+        if count * size > left:
+            raise _Corrupt(f"{left} bytes are left where {count * size} should follow")
+        self.place += count * size
+
+    def text(self) -> str:
+        """A string that ends in a zero."""
+        end = self.content.find(b"\0", self.place)
+        if end < 0:
+            raise _Corrupt("the end of a name is missing")
+        start, self.place = self.place, end + 1
+        return self.content[start:end].decode(errors="replace")
+
+
+def _records(file: _Bytes, read: Callable[[_Bytes], _T]) -> list[_T]:
+    """As many records as the file's head states, which must be all there is.
+
+    Every record takes bytes, so the loop ends with the file whatever the count.
+    """
+    (count,) = file.take("<Q")
+    if count > len(file.content):
+        raise _Corrupt(f"{count} entries in {len(file.content)} bytes")
+    records = [read(file) for _ in range(count)]
+    left = len(file.content) - file.place
+    if left:
+        raise _Corrupt(f"{left} bytes are left after {count} entries")
+    return records
+
+
+def _camera_bin(file: _Bytes) -> tuple[int, Lens]:
+    number, kind, width, height = file.take("<iiQQ")
+    if kind not in _MODELS:
+        raise _Corrupt(f"camera {number} has the unknown model {kind}")
+    model, count = _MODELS[kind]
+    return number, _lens(number, model, width, height, file.take(f"<{count}d"))
+
+
+def _image_bin(file: _Bytes) -> Image:
+    _, *pose, camera = file.take("<i7di")
+    name = file.text()
+    (observed,) = file.take("<Q")
+    file.skip(observed, POINT_2D)
+    return _image(name, camera, pose)
+
+
+def _point_bin(file: _Bytes) -> tuple[float, ...]:
+    _, *values = file.take("<Q3d3Bd")
+    (length,) = file.take("<Q")
+    file.skip(length, TRACK_ELEMENT)
+    return tuple(map(float, values))
+
+
+class _Lines:
+    """A text file and the line of it that is read next."""
+
+    def __init__(self, text: str) -> None:
+        self.lines = text.split("\n")
+        self.place = 0
+
+    def records(self, read: Callable[["_Lines"], _T]) -> Iterator[_T]:
+        """Records that start at lines other than comments and blank ones."""
+        while self.place < len(self.lines):
+            line = self.lines[self.place].strip()
+            if not line or line.startswith("#"):
+                self.place += 1
+                continue
+            start = self.place + 1
+            try:
+                yield read(self)
+            except (ValueError, IndexError, OverflowError) as error:
+                raise _Corrupt(f"line {start}: {error}") from error
+
+    def take(self) -> str:
+        """The next line; an empty one behind the last."""
+        line = self.lines[self.place] if self.place < len(self.lines) else ""
+        self.place += 1
+        return line.strip()
+
+
+def _camera_txt(lines: _Lines) -> tuple[int, Lens]:
+    number, model, width, height, *params = lines.take().split()
+    if len(params) != _COUNTS.get(model):
+        raise ValueError(f"no camera model {model} of {len(params)} parameters")
+    values = tuple(map(float, params))
+    return int(number), _lens(int(number), model, int(width), int(height), values)
+
+
+def _image_txt(lines: _Lines) -> Image:
+    _, *pose, camera, name = lines.take().split(maxsplit=9)
+    if len(pose) != 7:
+        raise ValueError("expected a number, a pose of seven numbers, a camera, a name")
+    observed = lines.take().split()
+    if len(observed) % 3:
+        raise ValueError("no line of x, y and point of what it observes follows")
+    return _image(name, int(camera), [float(value) for value in pose])
+
+
+def _point_txt(lines: _Lines) -> tuple[float, ...]:
+    _, x, y, z, *rgb, error = lines.take().split()[:8]
+    colors = [int(value) for value in rgb]
+    if len(colors) != 3 or not all(0 <= value < 256 for value in colors):
+        raise ValueError("expected a number, x, y, z, red, green, blue, an error")
+    return tuple(map(float, (x, y, z, *colors, error)))
+
+
+def _lens(
+    number: int, model: str, width: int, height: int, params: tuple[float, ...]
+) -> Lens:
+    if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
+        raise _Corrupt(f"camera {number} is of {width}x{height} pixels")
+    if not all(map(math.isfinite, params)):
+        raise _Corrupt(f"camera {number} has parameters that are not finite")
+    return Lens(model, width, height, params)
+
+
+def _image(name: str, camera: int, pose: list[float]) -> Image:
+    length = math.hypot(*pose[:4])
+    if not name:
+        raise _Corrupt("an image has no name")
+    if not (length > SHORTEST and all(map(math.isfinite, pose))):
+        raise _Corrupt(f"image {name!r} has a pose that is none")
+    quaternion = tuple(value / length for value in pose[:4])
+    return Image(name, camera, quaternion, tuple(pose[4:]))
