@@ -50,7 +50,8 @@ def test_a_proposal_chooses_where_the_field_is_asked(tiny_cameras, ndc):
     index = jnp.zeros(5, jnp.int32)
     rays = jax.jit(cast_rays)(tiny_cameras, ndc, index, index, index)
     apply = jax.jit(model.apply, static_argnames="method")
-    first, last = apply(params, rays, ndc, method="march")
+    levels = apply(params, rays, ndc, method="march")
+    (first,), last = levels.proposals, levels.last
     assert type(first) is Histogram and isinstance(last, Level)
     rendering = apply(params, rays, ndc, NEUTRAL)
     assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves(rendering))
