@@ -123,6 +123,7 @@ def read_exif(path: Path) -> Exif:
 def write(
     path: Path,
     srgb: Float[np.ndarray, "height width channels"],
+    *,
     bits: int = 8,
     jpeg_quality: int = BEST_JPEG,
 ) -> None:

@@ -107,11 +107,11 @@ def _store(path: Path, srgb: Float[np.ndarray, "_h _w 3"], jpeg_quality: int) ->
     if not jpeg_quality:
         image_io.write(path, srgb)
     elif path.suffix.lower() in (".jpg", ".jpeg"):
-        image_io.write(path, srgb, jpeg_quality)
+        image_io.write(path, srgb, jpeg_quality=jpeg_quality)
     else:
         with tempfile.TemporaryDirectory() as scratch:
             compressed = Path(scratch) / "photo.jpg"
-            image_io.write(compressed, srgb, jpeg_quality)
+            image_io.write(compressed, srgb, jpeg_quality=jpeg_quality)
             image_io.write(path, image_io.read_srgb(compressed))
 
 
