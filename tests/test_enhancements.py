@@ -17,6 +17,7 @@ from jaxtyping import Float
 import eval as eval_script
 import render as render_script
 import train as train_script
+from internal import parallel
 from internal.binding import configurable, typed
 from internal.color import linear_to_srgb, srgb_to_linear
 from internal.configs import load_config
@@ -24,9 +25,12 @@ from internal.enhancements.base import Enhancement, Output
 from internal.enhancements.gamma import Gamma, GammaNetwork
 from internal.enhancements.look import DISPLAY_POWER, NEUTRAL, LightEdit, Look
 from internal.enhancements.tone import Tone, ToneNetwork
+from internal.models import Model
+from internal.rendering.renderer import Renderer
 from internal.structs import Decomposed, Level, Lit, LitRendering, Terms
+from internal.training.step import initial_state
 from internal.volume import composite
-from tests.conftest import flags
+from tests.conftest import TINY_MODEL, flags
 
 TONE = Tone(stops=3.0)
 KINDS = [Gamma(), TONE]
@@ -110,6 +114,23 @@ def test_relighting_finished_pixels_is_following_rays_anew(enhancement, look):
     method = {Gamma: GammaNetwork, Tone: ToneNetwork}[type(enhancement)].relight
     relit = network.apply(params, before, look.edit(), method=method)
     expected = rendering_of(enhancement, look).lit
+    chex.assert_trees_all_close(relit, expected, rtol=2e-4, atol=1e-6)
+
+
+@ids
+def test_a_picture_of_any_size_is_relit_as_if_rendered_so(
+    enhancement, tiny_cameras, ndc
+):
+    config = load_config([], TINY_MODEL)
+    own = dataclasses.replace(config.model, enhancement=enhancement)
+    config = dataclasses.replace(config, model=own)
+    model, mesh = Model(own), parallel.data_mesh(4)
+    params = initial_state(config, model).params
+    renderer = Renderer(model, tiny_cameras, ndc, mesh, 24)  # of 80 pixels
+    edit = Look(0.7, 1.0, 4000.0, 0.2, 1.3).edit()
+    before = renderer.view(params, 1, enhancement.along_rays(edit))
+    relit = renderer.relit(params, before, edit)
+    expected = renderer.view(params, 1, edit)
     chex.assert_trees_all_close(relit, expected, rtol=2e-4, atol=1e-6)
 
 

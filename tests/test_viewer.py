@@ -86,8 +86,10 @@ class FakeStudio(Studio):
         self._config = Config()
         self.trained, self.outputs = Trained({}, 7, DISPLAY), outputs_of(ModelConfig())
         network = Gamma().network("enhancement")
-        self._relight = lambda _, rendering, edit: dataclasses.replace(
-            rendering, lit=network.relight(rendering, edit)
+        self._renderer = types.SimpleNamespace(
+            relit=lambda _, rendering, edit: dataclasses.replace(
+                rendering, lit=network.relight(rendering, edit)
+            )
         )
         self.edits, self.drafts = [], 0
 

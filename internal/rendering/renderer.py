@@ -58,7 +58,12 @@ class Renderer:
             rays = cast_rays(camera, space, views, pixel % width, pixel // width)
             return keep(apply({"params": params}, rays, space, edit))
 
+        @jax.jit
+        def relight_chunk(params: Params, part: LitRendering, edit: LightEdit) -> Any:
+            return apply({"params": params}, part, edit, method="relight")
+
         self._render_chunk = render_chunk
+        self._relight_chunk = relight_chunk
         self._rays_per_call = rays_per_call
         self._cameras = cameras
         self._space = parallel.replicate(space, mesh)
@@ -72,7 +77,8 @@ class Renderer:
         self, params: Params, camera: Cameras, edit: LightEdit = NEUTRAL
     ) -> Any:
         """What a single camera sees, ``[height, width, channels]``."""
-        return assemble(list(self.parts(params, camera, edit)), camera)
+        parts = list(self.parts(params, camera, edit))
+        return assemble(parts, int(camera.widths[0]), int(camera.heights[0]))
 
     def parts(self, params: Params, camera: Cameras, edit: LightEdit) -> Iterator[Any]:
         """The picture of a single camera in chunks of rays, for ``assemble``.
@@ -85,13 +91,28 @@ class Renderer:
         for start in range(0, pixels, self._rays_per_call):
             yield self._render_chunk(params, placed, self._space, edit, start)
 
+    def relit(
+        self, params: Params, rendering: LitRendering, edit: LightEdit
+    ) -> LitRendering:
+        """A finished picture that was rendered under the enhancement's
+        ``along_rays(edit)``, under ``edit``; in chunks, as it was rendered."""
+        height, width, _ = rendering.rgb.shape
+        flat = jax.tree.map(lambda x: x.reshape(height * width, -1), rendering)
 
-def assemble(parts: Sequence[Any], camera: Cameras) -> Any:
-    """Joins all parts of a camera's picture, NumPy ``[height, width, channels]``.
+        def part(start: int) -> LitRendering:
+            rows = np.arange(start, start + self._rays_per_call)
+            return jax.tree.map(lambda x: x.take(rows, axis=0, mode="clip"), flat)
+
+        starts = range(0, height * width, self._rays_per_call)
+        parts = [self._relight_chunk(params, part(start), edit) for start in starts]
+        return assemble(parts, width, height)
+
+
+def assemble(parts: Sequence[Any], width: int, height: int) -> Any:
+    """Joins all parts of a picture, NumPy ``[height, width, channels]``.
 
     On the host: pictures come in many shapes, and each would be compiled.
     """
-    width, height = int(camera.widths[0]), int(camera.heights[0])
 
     def join(*chunks: Array) -> np.ndarray:
         pixels = np.concatenate([np.asarray(chunk) for chunk in chunks])

@@ -66,7 +66,8 @@ class Job:
         self._waiting.pop(0)
         parts, self._done_parts = self._done_parts, []
         self.delivered += 1
-        self._finish(assemble(parts, task.camera))
+        width, height = int(task.camera.widths[0]), int(task.camera.heights[0])
+        self._finish(assemble(parts, width, height))
 
 
 @runtime_checkable

@@ -7,6 +7,7 @@ what is wanted. The thread that runs ``Turns`` calls ``step`` and does all the w
 
 import collections
 import dataclasses
+import functools
 import threading
 import time
 from collections.abc import Callable
@@ -54,7 +55,7 @@ class Frame:
         )
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class _Shown:
     """The last rendering, kept to be drawn again under other looks or choices."""
 
@@ -75,6 +76,9 @@ class Session:
         self._job: Job | None = None
         self._redraw = False
         self._shown: _Shown | None = None
+        self._relit = functools.lru_cache(maxsize=1)(
+            lambda shown, look: studio.relit(shown.trained, shown.rendering, look)
+        )
         self._times: collections.deque[float] = collections.deque(maxlen=FRAMES_TIMED)
         self._frames = 0
         self.camera: FreeCamera | None = None
@@ -190,7 +194,7 @@ class Session:
         shown = self._shown
         if shown is None:
             return
-        lit = self._studio.relit(shown.trained, shown.rendering, self.look)
+        lit = self._relit(shown, self.look)
         picture = draw(lit, shown.trained.display, self.choice, self._photo(shown))
         times = self._times
         elapsed = times[-1] - times[0]

@@ -2,9 +2,7 @@
 """What all users of a viewer share: the scene, the newest model, the computer."""
 
 import dataclasses
-import functools
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
@@ -56,7 +54,6 @@ class Studio:
         model, state = load_trained(config, self._mesh)
         chunk = min(config.render.chunk, LARGEST_CHUNK)
         self.outputs = outputs_of(config.model)
-        self._relight: Any = jax.jit(functools.partial(model.apply, method="relight"))
         view = scene.cameras, scene.space, self._mesh, chunk
         self._renderer = Renderer(model, *view)
         self._draft_renderer = Renderer(with_fewer_samples(model), *view)
@@ -83,8 +80,7 @@ class Studio:
         """A rendering under ``along_rays(look)``, with the rest of the look."""
         if not isinstance(rendering, LitRendering):
             return rendering
-        lit = self._relight({"params": trained.params}, rendering, look.edit())
-        return jax.tree.map(np.asarray, lit)
+        return self._renderer.relit(trained.params, rendering, look.edit())
 
     def view_camera(self, view: int) -> FreeCamera:
         """The user's camera at a photo's place."""
