@@ -14,10 +14,7 @@ DOCUMENTED = argparse.RawDescriptionHelpFormatter
 
 def train(text: str | None) -> argparse.ArgumentParser:
     """train.py: a configuration, a scene, a run folder, and several processes."""
-    parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
-    add_configuration(parser)
-    add_scene(parser)
-    add_run(parser)
+    parser = _to_train(text)
     parser.add_argument(
         "--coordinator",
         default="",
@@ -72,10 +69,7 @@ def export(text: str | None) -> argparse.ArgumentParser:
 
 def sweep(text: str | None) -> argparse.ArgumentParser:
     """sweep.py: what train.py takes, and variants of it."""
-    parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
-    add_configuration(parser)
-    add_scene(parser)
-    add_run(parser)
+    parser = _to_train(text)
     parser.add_argument("--variants", nargs="*", default=[], metavar="VARIANT")
     return parser
 
@@ -121,6 +115,15 @@ def make_scene(text: str | None) -> argparse.ArgumentParser:
     )  # fmt: skip
     for command in (night, dark):
         _add_capture(command)
+    return parser
+
+
+def _to_train(text: str | None) -> argparse.ArgumentParser:
+    """What trains takes: a configuration, a scene, and the folder of a run."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
+    add_configuration(parser)
+    add_scene(parser)
+    add_run(parser)
     return parser
 
 

@@ -129,6 +129,11 @@ def fit_similarity(
     return similarity
 
 
+def scale_of(similarity: Float[np.ndarray, "4 4"]) -> float:
+    """How many times longer a similarity makes distances."""
+    return float(np.cbrt(np.linalg.det(similarity[:3, :3])))
+
+
 def transform_points(
     similarity: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "m 3"]
 ) -> Float[np.ndarray, "m 3"]:
@@ -140,9 +145,8 @@ def transform_poses(
     similarity: Float[np.ndarray, "4 4"], camtoworlds: Float[np.ndarray, "n 3 4"]
 ) -> Float[np.ndarray, "n 3 4"]:
     """Applies a similarity to cameras: centres move and scale, axes only turn."""
-    scale = np.cbrt(np.linalg.det(similarity[:3, :3]))
     moved = similarity[:3, :3] @ camtoworlds
-    moved[:, :, :3] /= scale
+    moved[:, :, :3] /= scale_of(similarity)
     moved[:, :, 3] += similarity[:3, 3]
     return moved
 

@@ -20,7 +20,7 @@ import optax
 from jax import Array
 from jaxtyping import Float, Int
 
-from internal import progress
+from internal import poses, progress
 from internal.export import rasterizer
 from internal.export.density import Density, normals
 from internal.export.sightings import Sighting
@@ -106,7 +106,7 @@ def bake(
 
 def targets_of(scene: Scene, sightings: Sequence[Sighting], look: str) -> list[Target]:
     """What splats shall look like from where the field was rendered."""
-    scale = float(np.cbrt(np.linalg.det(scene.model_from_world[:3, :3])))
+    scale = poses.scale_of(scene.model_from_world)
     near = NEAREST * scene.near * scale
     return [
         Target(

@@ -116,9 +116,7 @@ def write_all(
     def in_world(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         return poses.transform_points(world_from_model, points)
 
-    rotation = world_from_model[:3, :3] / np.cbrt(
-        np.linalg.det(world_from_model[:3, :3])
-    )
+    rotation = world_from_model[:3, :3] / poses.scale_of(world_from_model)
     cloud = Cloud(in_world(cloud.points), cloud.normals @ rotation.T, cloud.colors)
     mesh = dataclasses.replace(mesh, vertices=in_world(mesh.vertices))
     shapes.write_cloud(folder / "points.ply", cloud)
@@ -250,7 +248,7 @@ def _sighting(scene: Scene, view: int, rendering: Rendering | LitRendering) -> S
     lit = rendering.enhanced if isinstance(rendering, LitRendering) else rendering.rgb
     depth = np.asarray(rendering.depth, np.float64)[..., 0]
     directions = colmap.lens_directions(lens).reshape(lens.height, lens.width, 3)
-    scale = float(np.cbrt(np.linalg.det(scene.model_from_world[:3, :3])))
+    scale = poses.scale_of(scene.model_from_world)
     points = surface_points(scene.space, camtoworld, directions, depth)
     is_surface = depth < BACKGROUND * scale * scene.far
     dark = color.to_uint8(rendering.rgb)

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from internal.cameras import Lens
-from internal.poses import transform_points
+from internal.poses import scale_of, transform_points
 
 SH0 = 0.28209479177387814  # 1 / (2 sqrt(pi))
 SH1 = 0.4886025119029199  # sqrt(3 / (4 pi))
@@ -162,7 +162,7 @@ def project(splats: Splats, camera: Pinhole) -> Footprints:
 
 def carry_over(splats: Splats, similarity: Float[np.ndarray, "4 4"]) -> Splats:
     """The same splats in another frame; NumPy arrays."""
-    scale = np.cbrt(np.linalg.det(similarity[:3, :3]))
+    scale = scale_of(similarity)
     rotation = Rotation.from_matrix(similarity[:3, :3] / scale)
     turned = rotation * Rotation.from_quat(splats.quaternions, scalar_first=True)
     harmonics = np.array(splats.harmonics, np.float32)

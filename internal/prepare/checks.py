@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from internal.prepare.photos import Rejected
+from internal.files.listing import LeftOut
 from internal.prepare.statistics import PhotoStatistics
 
 FEWEST_VIEWS = 3
@@ -59,7 +59,7 @@ def rests_on_points(points: int, views: int) -> bool:
 def judge(
     geometry: Geometry,
     photos: Sequence[PhotoStatistics],
-    failed: Sequence[Rejected],
+    failed: Sequence[LeftOut],
     stops: float,
 ) -> Verdict:
     """Judges a scene.

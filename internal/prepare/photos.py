@@ -17,6 +17,7 @@ from jaxtyping import Float
 from internal import color, progress
 from internal.errors import UserError
 from internal.files import atomic, heif, image_io, listing, raw
+from internal.files.listing import LeftOut
 from internal.prepare.statistics import PhotoStatistics, measure
 
 FEWEST = 3
@@ -52,19 +53,11 @@ class Photo:
 
 
 @dataclasses.dataclass(frozen=True)
-class Rejected:
-    """A file that is not used."""
-
-    name: str
-    reason: str
-
-
-@dataclasses.dataclass(frozen=True)
 class Found:
     """What a folder holds, sorted by name."""
 
     photos: tuple[Photo, ...]
-    rejected: tuple[Rejected, ...]
+    rejected: tuple[LeftOut, ...]
 
 
 def find_photos(folder: Path, notes: Path) -> Found:
@@ -91,7 +84,7 @@ def find_photos(folder: Path, notes: Path) -> Found:
         else:
             rejected[name] = result
     found = Found(
-        tuple(photos), tuple(Rejected(n, rejected[n]) for n in sorted(rejected))
+        tuple(photos), tuple(LeftOut(n, rejected[n]) for n in sorted(rejected))
     )
     if len(photos) < FEWEST:
         raise UserError(
@@ -212,6 +205,6 @@ def _digest(path: Path) -> str:
         return ""
 
 
-def _examples(rejected: Sequence[Rejected]) -> str:
+def _examples(rejected: Sequence[LeftOut]) -> str:
     shown = [f"{r.name}: {r.reason}" for r in rejected[:2]]
     return f" (e.g. {'; '.join(shown)})" if shown else ""

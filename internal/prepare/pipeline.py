@@ -17,6 +17,7 @@ import numpy as np
 from internal import progress
 from internal.errors import UserError
 from internal.files import atomic, image_io, listing
+from internal.files.listing import LeftOut
 from internal.files.made_folder import begin_folder, finish_folder
 from internal.prepare import attempts, exposures, mapping, matching, scene_files
 from internal.prepare.attempts import Attempt
@@ -24,7 +25,7 @@ from internal.prepare.brighten import copy_size
 from internal.prepare.exposures import Exposures
 from internal.prepare.matching import Copy
 from internal.prepare.orient import scene_frame
-from internal.prepare.photos import Photo, Rejected, find_photos, read_photo
+from internal.prepare.photos import Photo, find_photos, read_photo
 from internal.prepare.reasons import second_scene, why_unplaced
 from internal.prepare.report import FOLDER, Report, Tried, read_report, write_report
 from internal.prepare.room import cannot_write
@@ -205,13 +206,13 @@ def _check_space(scene: Path, photos: Sequence[Photo], copies: Sequence[Copy]) -
         )
 
 
-def _unplaced(photos: Sequence[Photo], best: Attempt) -> tuple[Rejected, ...]:
+def _unplaced(photos: Sequence[Photo], best: Attempt) -> tuple[LeftOut, ...]:
     """The photos without a pose, and why."""
     placed = best.models[0].views if best.models else ()
     matches = matching.match_counts(best.database)
     features = matching.feature_counts(best.database)
     return tuple(
-        Rejected(photo.name, why_unplaced(view, matches, features))
+        LeftOut(photo.name, why_unplaced(view, matches, features))
         for view, photo in enumerate(photos)
         if view not in placed
     )

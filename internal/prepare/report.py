@@ -10,10 +10,10 @@ from jaxtyping import Float, Int
 
 from internal.errors import UserError
 from internal.files import atomic
+from internal.files.listing import LeftOut
 from internal.pages import pages
 from internal.pages.pages import Section, Table
 from internal.prepare import plots
-from internal.prepare.photos import Rejected
 
 FOLDER = "report"
 
@@ -36,7 +36,7 @@ class Report:
     fit: bool  # to train
     photos: int
     registered: int
-    failed: tuple[Rejected, ...]  # photos without a pose, and why
+    failed: tuple[LeftOut, ...]  # photos without a pose, and why
     tried: tuple[Tried, ...]
     error: float  # pixels of the copies
     error_kind: str  # what the error is between
@@ -105,7 +105,7 @@ def read_report(folder: Path) -> Report:
     path = folder / "report.json"
     try:
         content = json.loads(path.read_text())
-        content["failed"] = tuple(Rejected(**entry) for entry in content["failed"])
+        content["failed"] = tuple(LeftOut(**entry) for entry in content["failed"])
         content["tried"] = tuple(Tried(**entry) for entry in content["tried"])
         content["warnings"] = tuple(content["warnings"])
         return Report(**content)

@@ -9,10 +9,11 @@ from jaxtyping import Float
 
 from internal import poses, script
 from internal.errors import UserError
+from internal.files.listing import LeftOut
 from internal.prepare import statistics
 from internal.prepare.checks import Geometry, judge
 from internal.prepare.exposures import Exposures
-from internal.prepare.photos import Found, Rejected
+from internal.prepare.photos import Found
 from internal.prepare.report import Pictured, Report, Tried
 from internal.prepare.scene_files import HOLDOUT
 from internal.prepare.statistics import PhotoStatistics
@@ -29,7 +30,7 @@ def summarize(
     source: str,
     photos: Sequence[PhotoStatistics],
     total: int,
-    failed: tuple[Rejected, ...],
+    failed: tuple[LeftOut, ...],
     tried: tuple[Tried, ...],
     error: float,
     error_kind: str,
@@ -81,7 +82,7 @@ def summarize(
 def summarize_failure(
     source: str,
     found: Found,
-    failed: tuple[Rejected, ...],
+    failed: tuple[LeftOut, ...],
     tried: tuple[Tried, ...],
     problem: str,
 ) -> Report:

@@ -9,7 +9,7 @@ import numpy as np
 from internal.cameras import Cameras
 from internal.configs import RenderConfig
 from internal.coord import ForwardFacing
-from internal.poses import transform_poses
+from internal.poses import scale_of, transform_poses
 from internal.rendering import paths
 from internal.scene.scene import Scene
 
@@ -23,7 +23,7 @@ def path_cameras(scene: Scene, render: RenderConfig) -> Cameras:
         UserError: the path is no known name and no readable JSON file.
     """
     camtoworlds = np.asarray(scene.cameras.camtoworlds, np.float64)
-    scale = float(np.cbrt(np.linalg.det(scene.model_from_world[:3, :3])))
+    scale = scale_of(scene.model_from_world)
     path = render.path
     if path == "auto":
         path = "spiral" if isinstance(scene.space, ForwardFacing) else "around"

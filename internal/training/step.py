@@ -116,9 +116,9 @@ class Teacher:
 
     def teach_field(
         self, params: Params, rays: Rays, space: Space, batch: Batch, key: PRNGKeyArray
-    ) -> tuple[Params, Level, Float[Array, "rays 3"], Terms]:
-        """Gradient of the field's terms, its last level, what it says the photos
-        show, and the terms."""
+    ) -> tuple[Params, Level, Float[Array, ""], Terms]:
+        """Gradient of the field's terms, its last level, the mean squared error of
+        what it says the photos show, and the terms."""
         rgb = jnp.reshape(batch.rgb(), (-1, 3))
         gain = jnp.reshape(jnp.asarray(batch.gains), (-1, 3))
         march: Any = functools.partial(self.model.apply, method="march")
@@ -129,11 +129,12 @@ class Teacher:
             photos = [self.observe(color.expose(x.rgb, gain)) for x in colored]
             terms = field_terms(self.config.losses, levels, photos, rgb, self.data_eps)
             total = sum(terms.values(), jnp.zeros(()))
-            return total, (levels.last, photos[-1], terms)
+            error = jnp.mean((jnp.clip(photos[-1], 0.0, 1.0) - rgb) ** 2)
+            return total, (levels.last, error, terms)
 
         own = group_params(params, "field")
-        grads, (last, photo, terms) = jax.grad(loss, has_aux=True)(own)
-        return grads, last, photo, terms
+        grads, (last, error, terms) = jax.grad(loss, has_aux=True)(own)
+        return grads, last, error, terms
 
     def teach_enhancement(
         self, params: Params, level: Level, space: Space
@@ -161,7 +162,7 @@ def gradients(
 ) -> tuple[Params, Terms, Float[Array, ""]]:
     """Gradients, loss terms and mean squared error over some of a batch. The
     enhancement costs nothing before ``enhance_start``."""
-    grads, last, photo, terms = teacher.teach_field(
+    grads, last, error, terms = teacher.teach_field(
         state.params, rays, space, batch, key
     )
     if teacher.config.model.enhancement is not None:
@@ -174,8 +175,7 @@ def gradients(
             state.params,
         )
         grads, terms = grads | lit_grads, terms | lit_terms
-    rgb = jnp.reshape(batch.rgb(), (-1, 3))
-    return grads, terms, jnp.mean((jnp.clip(photo, 0.0, 1.0) - rgb) ** 2)
+    return grads, terms, error
 
 
 def apply_if_finite(
