@@ -5,14 +5,12 @@ python -m experiments.metering
 
 It sees 82 dark and normal photos of a camera and 500 ordinary ones
 (``experiments/captures.py``). Every number in its tables is of pictures left out: eight
-folds over pictures. It writes ``internal/enhancements/metering.json`` and the frozen
-candidates to ``outputs/metering``.
+folds over pictures. It writes ``internal/enhancements/metering.json``.
 """
 
 import dataclasses
 import json
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -28,8 +26,6 @@ FOLDS = 8
 EXAMPLES = 150  # of the kernel regression
 STOPS = np.arange(-3.0, 13.0, 0.1)  # searched for the best exposure
 LEVELS_OF_LIGHT = photo_to_linear(np.arange(256) / 255.0)
-FROZEN = Path("outputs/metering/candidates.json")
-LEFT_OUT = Path("outputs/metering/left_out.json")
 STRAIGHT = (1.0, 64.0)  # a line that clips, but for a rounded corner
 SHIPPED = "kernel, pairs 0.3"
 
@@ -224,16 +220,13 @@ def main() -> None:
             todays(shots, 1.3, 1.0, 0.58, True)),
         row("one gain to mean 0.5", shots, line, todays(shots, *STRAIGHT, 0.5, False)),
     ]  # fmt: skip
-    frozen, stops = {}, {}
+    shipped = {}
     for name, family in FAMILIES.items():
         own = lit[family.contrast, family.shoulder]
-        stops[name] = left_out(family, shots, own)
-        rows.append(row(name, shots, own, stops[name]))
-        if not family.linear:
+        rows.append(row(name, shots, own, left_out(family, shots, own)))
+        if name == SHIPPED:
             weight = weights_of(shots, family.pairs)
-            frozen[name] = written(
-                fitted(family, own, weight, np.ones(len(shots), bool))
-            )
+            shipped = written(fitted(family, own, weight, np.ones(len(shots), bool)))
         print(rows[-1], flush=True)
     for name, curve in (
         ("best of n 1.2, k 2", (1.2, 2.0)),
@@ -244,12 +237,8 @@ def main() -> None:
             row(f"{name}, chosen with the truth", shots, lit[curve], lit[curve].best)
         )
     headers = ("rule", *(f"{g} {n}" if n else g for g, n in GROUPS), "pairs + dark")
-    FROZEN.parent.mkdir(parents=True, exist_ok=True)
-    FROZEN.write_text(json.dumps(frozen))
     made = {"made_by": "python -m experiments.metering"}
-    metering.FITTED.write_text(json.dumps(made | frozen[SHIPPED]) + "\n")
-    own = [s for s, shot in zip(stops[SHIPPED], shots, strict=True) if not shot.level]
-    LEFT_OUT.write_text(json.dumps({"prior": frozen[SHIPPED], "stops": own}))
+    metering.FITTED.write_text(json.dumps(made | shipped) + "\n")
     print(markdown(headers, rows))
 
 
