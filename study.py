@@ -68,7 +68,7 @@ def _chart(args: argparse.Namespace) -> int:
     pages.write_index(
         args.out,
         f"User study: {answers[0].a}",
-        "Which of two pictures of the same view is better (paper, Fig. 8).",
+        "Which of two pictures of the same view is better (LLNeRF Fig. 9).",
         [pages.Markup("Preferences", "", svg), table],
     )
     print(f"{tables.as_text(table)}\n{page}")

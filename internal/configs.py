@@ -52,7 +52,7 @@ class LossConfig:
 
     data_eps: float = 1e-3  # epsilon_2, plus
     data_eps_of_mean: float = 0.0  # this part of the photos' mean
-    observation: str = "ideal"  # photos show colours; noisy: internal/noise.py
+    observation: str = "ideal"  # photos show colours; noisy: internal/scene/noise.py
     coarse: float = 0.1  # data term of the levels before the last
     interlevel: float = 1.0  # of proposals, where the field has them
     distortion: float = 0.01

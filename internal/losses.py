@@ -21,7 +21,7 @@ def data_loss(
     *,
     eps: float,
 ) -> Float[Array, ""]:
-    """Log-linearised data term (paper, Sec. 4.3; RawNeRF, Eq. 4).
+    """Log-linearised data term (LLNeRF Sec. 4.3; RawNeRF Eq. 4).
 
     The squared error in log(c + eps), linearised around the prediction, so that an
     error of one level counts more in the dark. A prediction above 1 equals a
@@ -35,7 +35,7 @@ def data_loss(
 def exposure_loss(
     enhanced: Float[Array | np.ndarray, "*b 3"], *, target: float
 ) -> Float[Array, ""]:
-    """L_c1 = E[(c_hat - e)^2] (paper, Eq. 9, first term), on the channel mean: the
+    """L_c1 = E[(c_hat - e)^2] (LLNeRF Eq. 9, first term), on the channel mean: the
     colour is left to the gray-world term."""
     return jnp.mean((jnp.mean(enhanced, axis=-1) - target) ** 2)
 
@@ -59,7 +59,7 @@ def gray_world_loss(
     *,
     bias: float,
 ) -> Float[Array, ""]:
-    """L_c2 = E[var_c(c_hat) / (beta_1 + var_c(r))] (paper, Eq. 9, second term).
+    """L_c2 = E[var_c(c_hat) / (beta_1 + var_c(r))] (LLNeRF Eq. 9, second term).
 
     ``r`` is first divided by its largest channel: v * r leaves the scale of r open,
     and a saturated colour must relax the term at any scale.
@@ -71,7 +71,7 @@ def gray_world_loss(
 def gamma_norm_loss(
     gamma_energy: Float[Array | np.ndarray, "*b 1"],
 ) -> Float[Array, ""]:
-    """L_c3 = ||gamma||^2 (paper, Eq. 9, third term), averaged over channels where
+    """L_c3 = ||gamma||^2 (LLNeRF Eq. 9, third term), averaged over channels where
     the ray meets something: weighted along rays, so empty space does not count."""
     return jnp.mean(gamma_energy) / 3.0
 
@@ -83,7 +83,7 @@ def smoothness_loss(
     beta: float,
     eps: float,
 ) -> Float[Array, ""]:
-    """L_sa or L_sg (paper, Eqs. 10-11): squared differences of an integrated
+    """L_sa or L_sg (LLNeRF Eq. 10, LLNeRF Eq. 11): squared differences of an integrated
     coefficient to the right and below, relative to those of log v, halved."""
     log_v = jnp.log(stop_gradient(v) + eps)
     total = jnp.zeros(())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Volume rendering: density to weights, weights to pixels (paper, Eq. 2)."""
+"""Volume rendering: density to weights, weights to pixels (LLNeRF Eq. 2)."""
 
 import jax.numpy as jnp
 from jax import Array

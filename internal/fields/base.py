@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 @runtime_checkable
 class Trunk(Protocol):
-    """F_density (paper, Eq. 1): Gaussians -> raw density and features tau."""
+    """F_density (LLNeRF Eq. 1): Gaussians -> raw density and features tau."""
 
     def __call__(
         self, mean: Float[Array, "*b 3"], var: Float[Array, "*b 3"]

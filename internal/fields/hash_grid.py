@@ -46,7 +46,7 @@ class HashGrid:
 
 
 class GridTrunk(nn.Module):
-    """Grid features -> raw density and features tau (paper, Eq. 1)."""
+    """Grid features -> raw density and features tau (LLNeRF Eq. 1)."""
 
     config: HashGrid
 

@@ -32,7 +32,7 @@ class MLP:
 
 
 class MipTrunk(nn.Module):
-    """Encoded Gaussian -> raw density and features tau (paper, Eq. 1)."""
+    """Encoded Gaussian -> raw density and features tau (LLNeRF Eq. 1)."""
 
     config: MLP
 

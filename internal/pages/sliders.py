@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A part of a page in which two pictures of one view lie on top of each other.
 
-Its style and script are inlined from ``internal/assets``, so the page stays one file.
+Its style and script are inlined from ``assets``, so the page stays one file.
 """
 
 import html

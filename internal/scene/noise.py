@@ -5,7 +5,7 @@ A camera adds Gaussian noise of variance ``floor + growth * x`` to linear light 
 (of reading the sensor, and of counting photons), clips to [0, 1], applies the sRGB
 curve and rounds to 8 bits. Nothing can be darker than black, so where the scene is
 darkest the mean of many photos is brighter than it, and a field that learns the mean
-learns this bias (paper, Sec. 3.3.1). ``expected_photo`` gives the mean as a function
+learns this bias (LLNeRF Sec. 4.2.1). ``expected_photo`` gives the mean as a function
 of the scene; the data term compares it with the photos instead of the scene itself.
 Noise is of single pixels; ``[3]`` is red, green, blue; levels are 8-bit, 0 to 255.
 """

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A scene: dark pictures, cameras, bounds, split, and truth where there is any.
 
-Readers (``internal/readers``) turn a folder into ``SceneFiles`` and share nothing
+Readers (``internal/scene/readers``) turn a folder into ``SceneFiles`` and share nothing
 but that structure; ``load_scene`` turns ``SceneFiles`` into a ``Scene``, by the
-steps of ``internal/scene_loading.py`` and ``internal/extent.py``.
+steps of ``loading.py`` and ``extent.py``.
 Pictures are kept as uint16 sRGB (65535 is 1.0): 8-bit levels are exact in it and
 an area average keeps the precision it gained.
 """
