@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's user study (LLNeRF Sec. 5.2 and Fig. 9): a page that asks, and its evaluation.
+"""The paper's user study (LLNeRF Sec. 5.2, LLNeRF Fig. 9): a page, its evaluation.
 
 ``page.py`` makes the page, ``answers.py`` reads what people downloaded from it.
 """
