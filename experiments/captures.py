@@ -23,6 +23,7 @@ LEVELS = (30, 8, 4, 2)  # sRGB means of dark captures, of 255
 WELLS = (math.inf, 40_000.0, 10_000.0, 3_000.0)  # electrons at white
 NEIGHBOURS = (1, 4)  # noisy pixels that a smaller photo averages
 CASTS = ((1.0, 1.0, 1.0), (1.0, 0.94, 0.84))
+SCENES = {"llff/fern/images_8": 2, "orbit/mug/images": 6, "orbit/can/images": 6}
 WHITE = 254  # a pixel with all channels here shows at least this much light
 
 Picture = Float[np.ndarray, "height width 3"]
@@ -68,6 +69,22 @@ def shots() -> list[Shot]:
         photo = to_uint8(image_io.read_srgb(file))
         truth = photo.reshape(-1, 3)[_sample(rng, photo)]
         found += darkened("ordinary", picture, truth, LEVELS[picture % 2 :: 2], rng)
+    return found
+
+
+def scene_shots() -> list[tuple[str, Shot]]:
+    """Whole scenes at every level of darkness, pixels of all their photos together,
+    as a training's metering sees them."""
+    found = []
+    for number, (name, every) in enumerate(SCENES.items()):
+        rng = np.random.default_rng(number)
+        photos = [
+            to_uint8(image_io.read_srgb(file)).reshape(-1, 3)
+            for file in sorted((data() / name).iterdir())[::every]
+        ]
+        truth = np.concatenate([x[rng.integers(len(x), size=3000)] for x in photos])
+        for shot in darkened("scene", number, truth, LEVELS, rng):
+            found.append((f"{name.split('/')[1]} {shot.level}", shot))
     return found
 
 

@@ -6,7 +6,9 @@ exposure of the scene-wide tone curve comes out, in stops of linear light. What 
 learned is where photographers put the shape of a histogram, never its level: a first
 exposure brings the mean of the developed largest channel to ``MIDDLE``, and a kernel
 regression on the percentiles at that exposure says how many stops to add. Far from all
-it has seen the addition goes to its mean, so that no scene is exposed wildly.
+it has seen the addition goes to its mean, so that no scene is exposed wildly. Whose
+photos it has seen still shows, so the result goes a third of the way to the exposure
+that knows no shapes: the same mean, ``NORMAL``, for every scene.
 
 The numbers are in ``metering.json``; ``python -m experiments.metering`` makes them.
 """
@@ -18,11 +20,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from internal.color import photo_to_linear
 
 MIDDLE = 0.5  # sRGB mean of the developed largest channel at the first exposure
+NORMAL = (
+    0.58  # that mean where nothing else is known; over normal photos it varies least
+)
+NORMAL_SHARE = 1 / 3  # of the exposure that brings it about, in the result
 PERCENTILES = (50.0, 75.0, 90.0, 95.0, 98.0, 99.5, 99.9)  # of the largest channel
 FLOOR = 0.25 / 255 / 12.92  # a quarter of a level: the least light that is told apart
 MOST_STOPS = 16.0
@@ -80,9 +86,13 @@ def meter(dark_srgb: Pixels, prior: Prior) -> Exposure:
         prior: of ``load_prior``.
     """
     linear_rgb = photo_to_linear(dark_srgb)
-    first, shape = first_exposure(linear_rgb, prior.contrast, prior.shoulder)
-    stops = float(np.clip(first + correction(shape, prior), -MOST_STOPS, MOST_STOPS))
-    lit = developed(linear_rgb, stops, prior.contrast, prior.shoulder)
+    curve = prior.contrast, prior.shoulder
+    first, shape = first_exposure(linear_rgb, *curve)
+    learned = first + correction(shape, prior)
+    normal = exposure_to_mean(*largest_channel(linear_rgb), NORMAL, *curve)
+    blended = learned + NORMAL_SHARE * (normal - learned)
+    stops = float(np.clip(blended, -MOST_STOPS, MOST_STOPS))
+    lit = developed(linear_rgb, stops, *curve)
     return Exposure(stops, float(np.mean(lit)))
 
 
@@ -91,14 +101,37 @@ def first_exposure(
 ) -> tuple[float, Float[np.ndarray, " features"]]:
     """Stops that bring the mean of the developed largest channel to ``MIDDLE``, and
     the log2 of its percentiles at that exposure: the shape, whatever the level."""
+    light, counts = largest_channel(linear_rgb)
+    stops = exposure_to_mean(light, counts, MIDDLE, contrast, shoulder)
+    percentiles = np.percentile(np.repeat(light, counts), PERCENTILES)
+    return stops, np.log2(percentiles) + stops
+
+
+def largest_channel(
+    linear_rgb: Pixels,
+) -> tuple[Float[np.ndarray, " levels"], Int[np.ndarray, " levels"]]:
+    """The values of the largest channel, at least ``FLOOR``, and how often each comes:
+    8-bit photos hold few."""
     largest = np.maximum(np.max(linear_rgb, axis=-1).astype(np.float64), FLOOR)
-    light, counts = np.unique(largest, return_counts=True)  # 8-bit photos hold few
+    return np.unique(largest, return_counts=True)
+
+
+def exposure_to_mean(
+    light: Float[np.ndarray, " levels"],
+    counts: Int[np.ndarray, " levels"],
+    mean: float,
+    contrast: float,
+    shoulder: float,
+) -> float:
+    """Stops at which linear light, each value ``counts`` times, develops to this sRGB
+    mean; at most ``MOST_STOPS`` either way."""
     low, high = -MOST_STOPS, MOST_STOPS
     for _ in range(BISECTIONS):
         middle = (low + high) / 2.0
-        mean = np.average(developed(light, middle, contrast, shoulder), weights=counts)
-        low, high = (middle, high) if mean < MIDDLE else (low, middle)
-    return high, np.log2(np.percentile(largest, PERCENTILES)) + high
+        lit = developed(light, middle, contrast, shoulder)
+        too_dark = np.average(lit, weights=counts) < mean
+        low, high = (middle, high) if too_dark else (low, middle)
+    return high
 
 
 def correction(
