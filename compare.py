@@ -32,11 +32,12 @@ def main(argv: Sequence[str]) -> int:
     flags = _parser().parse_args(argv)
     methods = read_methods(flags.methods)
     chosen = {scene: methods_for(methods, scene) for scene in flags.scenes}
-    jobs.open_comparison(flags.out, flags.scenes, flags.gin_bindings)
-
     todo = list(map(jobs.dark_photos, chosen))
     for scene, listed in chosen.items():
         todo += [jobs.job_of(scene, method) for method in listed]
+    jobs.check_settings(todo, flags.gin_bindings)
+    jobs.open_comparison(flags.out, flags.scenes, flags.gin_bindings)
+
     # Trainings come last: the rest of the table is there within minutes.
     todo = sorted(dict.fromkeys(todo), key=lambda job: bool(job.train))
     seconds: dict[bool, list[float]] = {}  # of each work done now, by if it trained

@@ -1,18 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Configuration: small frozen dataclasses, filled by gin (only here).
+"""Configuration: small frozen dataclasses, filled by gin.
 
 Paper values are the defaults; every other value stands in a file of ``configs/``.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TypeVar
 
-import gin
-from beartype.roar import BeartypeCallHintViolation
-
-from internal import enhancements, fields
+from internal import binding, enhancements, fields
 from internal.binding import configurable, typed
 from internal.enhancements.base import Enhancement
 from internal.enhancements.gamma import Gamma
@@ -20,11 +16,6 @@ from internal.enhancements.look import Look
 from internal.errors import UserError
 from internal.fields.base import FieldConfig
 from internal.fields.mlp import MLP
-
-T = TypeVar("T")
-
-# What gin raises for unknown names, bad syntax, missing includes.
-_GIN_ERRORS = (ValueError, TypeError, SyntaxError, OSError, RuntimeError)
 
 
 @configurable("Model")
@@ -137,16 +128,21 @@ class Config:
 def load_config(
     files: Sequence[str], bindings: Sequence[str], base: Sequence[str] = ()
 ) -> Config:
-    """Parses gin files, then bindings, and checks every name and type.
+    """Parses gin files, then bindings, and checks every name, type and use.
 
     Args:
         base: bindings that hold where files and bindings say nothing.
 
     Raises:
-        UserError: a file is missing, a name is unknown or a value has a wrong type.
+        UserError: a file is missing, a name is unknown, a value has a wrong type or
+            no meaning, or nothing reads it.
     """
-    config = _parse(files, bindings, base, Config)
+    register()
+    config = binding.parsed(files, bindings, base, Config)
     _check(config)
+    for name, where in _without_effect(files, bindings, base):
+        place = f"{where}: " if where else ""
+        raise UserError(f"gin: {place}{name} has no effect: {_reader(name)}")
     return config
 
 
@@ -156,14 +152,16 @@ def bound(name: str, files: Sequence[str], bindings: Sequence[str]) -> str:
     Raises:
         UserError: as ``load_config``, of names that nobody knows.
     """
+    register()
+    return binding.parsed(files, bindings, (), lambda: binding.value_of(name))
 
-    def query() -> str:
-        try:
-            return str(gin.query_parameter(name))
-        except ValueError:
-            return ""
 
-    return _parse(files, bindings, (), query)
+def with_effect(files: Sequence[str], bindings: Sequence[str]) -> list[str]:
+    """The bindings without those that nothing reads on top of these files."""
+    register()
+    found = _read_names(files, bindings, ())
+    names = {x: binding.stated_names(x) for x in bindings}
+    return [x for x in bindings if names[x] & found or not names[x]]
 
 
 def register() -> None:
@@ -172,26 +170,99 @@ def register() -> None:
     enhancements.register()
 
 
-def _parse(
-    files: Sequence[str],
-    bindings: Sequence[str],
-    base: Sequence[str],
-    then: Callable[[], T],
-) -> T:
-    """The result of ``then`` while gin knows these files and bindings."""
-    gin.clear_config()
-    register()
-    for file in files:
-        if not Path(file).is_file():
-            raise UserError(f"{file}: no such gin file; see configs/")
-    try:
-        gin.parse_config(list(base))
-        gin.parse_config_files_and_bindings(list(files), list(bindings))
-        return then()
-    except (BeartypeCallHintViolation, *_GIN_ERRORS) as error:
-        raise UserError(f"gin: {' '.join(str(error).split())[:400]}") from error
-    finally:
-        gin.clear_config()
+def _without_effect(
+    files: Sequence[str], bindings: Sequence[str], base: Sequence[str]
+) -> Iterator[tuple[str, str]]:
+    """The names bound on the command line or by its files themselves that nothing
+    reads, each with its file.
+
+    What a file includes may hold more than is read. What comes after a file may
+    choose another field or enhancement, as long as something of the file is left.
+    """
+    found = _read_names(files, bindings, base)
+    for number, file in enumerate(files, start=1):
+        stated = binding.stated_names(Path(file).read_text(encoding="utf-8"))
+        left = bool(stated & found)
+        at_the_file = _read_names(files[:number], (), base) if left else found
+        yield from ((name, file) for name in sorted(stated - at_the_file))
+    stated = binding.stated_names("\n".join(bindings))
+    yield from ((name, "") for name in sorted(stated - found))
+
+
+def _read_names(
+    files: Sequence[str], bindings: Sequence[str], base: Sequence[str]
+) -> frozenset[str]:
+    """The names of all bindings that the configuration reads."""
+    config, names = binding.parsed(
+        files, bindings, base, lambda: (Config(), binding.read_names())
+    )
+    return names - {
+        name for x in _SOMETIMES if not x.holds(config) for name in x.names.split()
+    }
+
+
+def _reader(name: str) -> str:
+    """What would have to be there for a setting to have an effect, in words."""
+    section, dot, _ = name.rpartition(".")
+    if not dot:
+        return f"nothing says %{name}; a setting is SECTION.NAME, as in configs/*.gin"
+    for case in _SOMETIMES:
+        if name in case.names.split():
+            return f"it needs {case.needs}"
+    slots = {"Model.field": FieldConfig, "Model.enhancement": Enhancement}
+    kinds = [x for x, name in binding.NAMES.items() if name == section.split("/")[-1]]
+    uses = [
+        f"{slot} = @{section}()"
+        for kind in kinds
+        for slot, protocol in slots.items()
+        if isinstance(kind(), protocol)
+    ]
+    return f"it needs {' or '.join(uses) or f'@{section}()'}"
+
+
+@dataclasses.dataclass(frozen=True)
+class _Sometimes:
+    """Settings that are read under a condition."""
+
+    names: str
+    needs: str  # the condition in words
+    holds: Callable[[Config], bool]
+
+
+_SOMETIMES = (
+    _Sometimes(
+        "Train.enhance_start Optimizer.enhancement_lr_init "
+        "Optimizer.enhancement_lr_final Render.strength Render.exposure "
+        "Render.temperature Render.tint Render.contrast",
+        "a Model.enhancement",
+        lambda config: config.model.enhancement is not None,
+    ),
+    _Sometimes(
+        "Losses.interlevel HashGrid.proposal_resolutions",
+        "proposals: Model.field = @HashGrid() and two levels in Model.num_samples",
+        lambda config: _proposes(config) and len(config.model.num_samples) > 1,
+    ),
+    _Sometimes(
+        "Losses.coarse",
+        "a coarse level: a field without proposals, as Model.field = @MLP(), and two "
+        "levels in Model.num_samples",
+        lambda config: not _proposes(config) and len(config.model.num_samples) > 1,
+    ),
+    _Sometimes(
+        "Model.resample_padding",
+        "two levels in Model.num_samples",
+        lambda config: len(config.model.num_samples) > 1,
+    ),
+    _Sometimes(
+        "Config.end_at_far",
+        "Config.projection = 'ndc' or 'auto'",
+        lambda config: config.projection != "contract",
+    ),
+)
+
+
+def _proposes(config: Config) -> bool:
+    return config.model.field.proposal() is not None
 
 
 def _check(config: Config) -> None:

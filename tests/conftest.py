@@ -27,16 +27,11 @@ os.environ["XLA_FLAGS"] = " ".join(
 # Four CPU devices, so that every run tests what several GPUs would do.
 jax.config.update("jax_num_cpu_devices", 4)
 
-TINY_MODEL = (
+TINY_SIZES = (
     "Model.num_samples = (6, 7)",
-    "MLP.depth = 2",
-    "MLP.width = 16",
     "Model.head_width = 8",
-    "Gamma.width = 8",
-    "MLP.max_deg = 4",
     "Train.batch_size = 8",
     "Train.max_steps = 6",
-    "Train.enhance_start = 3",
     "Train.log_every = 2",
     "Train.checkpoint_every = 3",
     "Train.preview_every = 6",
@@ -44,17 +39,25 @@ TINY_MODEL = (
     "Render.chunk = 64",
     "Render.frames = 3",
 )
+TINY_MLP = ("MLP.depth = 2", "MLP.width = 16", "MLP.max_deg = 4")
+TINY_ENHANCED = ("Train.enhance_start = 3",)
+TINY_GAMMA = (*TINY_ENHANCED, "Gamma.width = 8")
+TINY_PLAIN = (*TINY_SIZES, *TINY_MLP, "Model.enhancement = None")
+TINY_MODEL = (*TINY_SIZES, *TINY_MLP, *TINY_GAMMA)
 
 
-def bindings(scene: Path) -> list[str]:
-    """Gin bindings of the tiny model on a scene."""
-    return [*TINY_MODEL, f"Config.data_dir = {str(scene)!r}"]
+def bindings(scene: Path, model: tuple[str, ...] = TINY_MODEL) -> list[str]:
+    """Gin bindings of a tiny model on a scene."""
+    return [*model, f"Config.data_dir = {str(scene)!r}"]
 
 
-def flags(scene: Path, run: Path, *own: str) -> list[str]:
-    """A script's flags for the tiny model in a run folder, with own bindings."""
+def flags(
+    scene: Path, run: Path, *own: str, model: tuple[str, ...] = TINY_MODEL
+) -> list[str]:
+    """A script's flags for a tiny model in a run folder, with own bindings."""
     run_binding = f"Config.checkpoint_dir = {str(run)!r}"
-    return [f"--gin_bindings={b}" for b in (*bindings(scene), run_binding, *own)]
+    every = (*bindings(scene, model), run_binding, *own)
+    return [f"--gin_bindings={binding}" for binding in every]
 
 
 @pytest.fixture(scope="session")

@@ -177,6 +177,22 @@ def test_other_bindings_or_another_scene_of_that_name_are_refused(scene):
     assert not Path("new").exists()
 
 
+def test_each_method_gets_the_bindings_it_reads_and_one_that_none_reads_is_refused(
+    monkeypatch,
+):
+    monkeypatch.chdir(Path(__file__).parents[1])
+    scene = Path("scene")
+    fast, plain = ("configs/llnerf_fast.gin",), ("configs/nerf_fast.gin",)
+    photos, paper, nerf = (Job(scene, "", files) for files in ((), fast, plain))
+    every = ["Config.factor = 2", "HashGrid.finest = 32", "Train.enhance_start = 12"]
+    assert jobs.settings(paper, every) == every
+    assert jobs.settings(nerf, every) == every[:2]
+    assert jobs.settings(photos, every) == every[:1]
+    jobs.check_settings([photos, paper], every)
+    with pytest.raises(UserError, match=r"enhance_start = 12 has no effect"):
+        jobs.check_settings([photos, nerf], every)
+
+
 def test_time_left_is_by_kind_of_work():
     photos, training = Job(Path("s"), "", ()), Job(Path("s"), "", ("a.gin",))
     left = compare_script.time_left

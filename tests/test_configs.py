@@ -13,6 +13,7 @@ from internal.errors import UserError
 
 ROOT = Path(__file__).parents[1]
 FILES = sorted(ROOT.glob("configs/**/*.gin"))
+UNDER = {"small_size": ["configs/nerf.gin"]}  # of files that go on top of another
 
 
 @pytest.fixture(autouse=True)
@@ -22,7 +23,7 @@ def at_the_root(monkeypatch):
 
 @pytest.mark.parametrize("file", FILES, ids=lambda f: f.stem)
 def test_every_file_loads_and_says_what_it_is(file):
-    load_config([str(file)], [])
+    load_config([*UNDER.get(file.stem, []), str(file)], [])
     assert file.read_text().startswith("# ")
 
 
@@ -93,7 +94,7 @@ def test_json_holds_every_section():
 @pytest.mark.parametrize("file", FILES, ids=lambda f: f.stem)
 def test_a_saved_configuration_comes_back(file, tmp_path):
     own = "Config.data_dir = 'it\\'s [a] \"scene\" \\\\ é\\n'"
-    config = load_config([str(file)], [own])
+    config = load_config([*UNDER.get(file.stem, []), str(file)], [own])
     (tmp_path / "config.json").write_text(saved_config.to_json(config))
     assert saved_config.read(tmp_path / "config.json") == config
     assert load_config([], [], saved_config.as_bindings(config)) == config
@@ -101,9 +102,9 @@ def test_a_saved_configuration_comes_back(file, tmp_path):
 
 def test_what_differs_has_the_name_that_gin_knows():
     old = load_config([], [])
-    new = load_config([], ["Model.field = @HashGrid()", "Losses.coarse = 0.5"])
+    new = load_config([], ["Model.field = @HashGrid()", "Losses.distortion = 0.5"])
     found = saved_config.differences(old, new)
-    assert found["Losses.coarse"] == "was 0.1, is 0.5"
+    assert found["Losses.distortion"] == "was 0.01, is 0.5"
     assert found["Model.field"] == "was @MLP(), is @HashGrid()"
     assert found["MLP.width"] == "was 256, is not there"
     assert saved_config.differences(old, old) == {}
@@ -133,3 +134,97 @@ def test_an_enhancement_that_never_starts_is_an_error():
     with pytest.raises(UserError, match=r"enhance_start = 9500 .*max_steps = 1500"):
         load_config(best, ["Train.max_steps = 1500"])
     load_config(["configs/nerf_fast.gin"], ["Train.max_steps = 1500"])
+
+
+TONE = ["configs/llnerf_best.gin"]
+NO_GRAY = ["configs/ablations/no_gray.gin"]
+
+
+@pytest.mark.parametrize(
+    ("files", "bindings", "name", "reader"),
+    [
+        (
+            [],
+            ["Model.enhancement = @Tone()", "Gamma.gray = 0.2"],
+            "Gamma.gray",
+            "@Gamma",
+        ),
+        ([], ["Tone.stops = 2.0"], "Tone.stops", "Model.enhancement = @Tone()"),
+        ([], ["HashGrid.levels = 4"], "HashGrid.levels", "Model.field = @HashGrid()"),
+        ([], ["a/MLP.width = 4"], "a/MLP.width", "Model.field = @a/MLP()"),
+        ([], ["max_steps = 20"], "max_steps", "nothing says %max_steps"),
+        ([*TONE, *NO_GRAY], [], "no_gray.gin: Gamma.gray", "@Gamma()"),
+        ([*NO_GRAY, *TONE], [], "no_gray.gin: Gamma.gray", "@Gamma()"),
+        (NO_GRAY, ["Model.enhancement = @Tone()"], "no_gray.gin: Gamma.gray", "@Gamma"),
+        (TONE, ["Losses.coarse = 0.2"], "Losses.coarse", "a coarse level"),
+        ([], ["Losses.interlevel = 0.2"], "Losses.interlevel", "proposals"),
+        (
+            [],
+            ["Model.num_samples = (8,)", "Model.resample_padding = 0.1"],
+            "Model.resample_padding",
+            "two levels",
+        ),
+        (
+            [],
+            ["Config.projection = 'contract'", "Config.end_at_far = True"],
+            "Config.end_at_far",
+            "Config.projection",
+        ),
+        *(
+            (["configs/nerf.gin"], [f"{name} = 1"], name, "a Model.enhancement")
+            for name in (
+                *("Train.enhance_start", "Optimizer.enhancement_lr_init"),
+                *("Render.exposure", "Render.strength"),
+            )
+        ),
+    ],
+)
+def test_a_setting_that_nothing_reads_is_one_line_with_who_would(
+    files, bindings, name, reader
+):
+    with pytest.raises(UserError) as error:
+        load_config(files, bindings)
+    assert f"{name} has no effect: " in str(error.value) and reader in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_what_an_included_file_or_a_runs_own_configuration_holds_is_exempt(tmp_path):
+    included = tmp_path / "mine.gin"
+    included.write_text(
+        "include 'configs/llnerf_small.gin'\nModel.enhancement = None\n"
+    )
+    load_config([str(included)], [])
+    base = saved_config.as_bindings(load_config(["configs/nerf.gin"], []))
+    load_config([], ["Train.seed = 3"], base)
+    with pytest.raises(UserError, match=r"Gamma\.gray has no effect"):
+        load_config([], ["Gamma.gray = 0.2"], base)
+    included.write_text("include 'configs/llnerf_best.gin'\nGamma.gray = 0.2\n")
+    with pytest.raises(UserError, match=r"mine\.gin: Gamma\.gray has no effect"):
+        load_config([str(included)], [])
+
+
+@pytest.mark.parametrize(
+    ("files", "bindings"),
+    [
+        (["configs/llnerf_fast.gin"], ["Model.enhancement = @Tone()"]),
+        (["configs/llnerf_best.gin"], ["Model.enhancement = None"]),
+        (["configs/llnerf.gin"], ["Model.field = @HashGrid()", "Train.passes = 1"]),
+        (["configs/nerf.gin", "configs/small_size.gin"], []),
+        ([], ["wide = 512", "MLP.width = %wide"]),
+        (
+            [],
+            [
+                "internal.fields.mlp.MLP.width = 512",
+                "a/MLP.depth = 2\nModel.field = @a/MLP()",
+            ],
+        ),
+    ],
+)
+def test_what_comes_later_may_choose_another_field_or_enhancement(files, bindings):
+    load_config(files, bindings)
+
+
+def test_bindings_for_several_configurations_are_kept_where_they_are_read():
+    every = ["Config.factor = 2", "HashGrid.finest = 32", "Train.enhance_start = 12"]
+    assert configs.with_effect(["configs/nerf_fast.gin"], every) == every[:2]
+    assert configs.with_effect([], every) == [every[0], every[2]]

@@ -30,7 +30,7 @@ from internal.rendering.renderer import Renderer
 from internal.structs import Decomposed, Level, Lit, LitRendering, Terms
 from internal.training.step import initial_state
 from internal.volume import composite
-from tests.conftest import TINY_MODEL, flags
+from tests.conftest import TINY_ENHANCED, TINY_MLP, TINY_MODEL, TINY_SIZES, flags
 
 TONE = Tone(stops=3.0)
 KINDS = [Gamma(), TONE]
@@ -200,7 +200,7 @@ def test_an_enhancement_from_outside_trains_evaluates_renders_and_is_explained(
 ):
     run = tmp_path / "run"
     own = ["Model.enhancement = @Gain()", "Gain.target = 0.3"]
-    argv = [x for x in flags(night, run, *own) if "Gamma" not in x]
+    argv = flags(night, run, *own, model=(*TINY_SIZES, *TINY_MLP, *TINY_ENHANCED))
     assert train_script.main(argv) == 0
     last = json.loads((run / "metrics.jsonl").read_text().splitlines()[-1])
     assert last["loss/level"] > 0 and last["grad_norm/enhancement"] > 0

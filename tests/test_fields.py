@@ -16,11 +16,12 @@ from internal.fields.base import FieldConfig
 from internal.losses import data_loss
 from internal.models import Histogram, Level, Model
 from internal.training.step import initial_state
-from tests.conftest import TINY_MODEL
+from tests.conftest import TINY_GAMMA, TINY_SIZES
 from tests.test_training import make_run
 
 TINY_GRID = (
-    *TINY_MODEL,
+    *TINY_SIZES,
+    *TINY_GAMMA,
     "Model.field = @HashGrid()",
     "HashGrid.levels = 3",
     "HashGrid.finest = 32",

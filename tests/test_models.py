@@ -15,7 +15,7 @@ from internal.models import Model, ray_shape
 from internal.structs import LitRendering, Rendering
 from internal.training.step import initial_state
 from internal.volume import composite
-from tests.conftest import TINY_MODEL
+from tests.conftest import TINY_MODEL, TINY_PLAIN
 
 
 @pytest.fixture
@@ -61,7 +61,7 @@ def test_rendering_has_every_output_and_a_plain_model_only_the_dark_ones(
     lit = apply(params, rays, ndc, NEUTRAL)
     assert isinstance(lit, LitRendering)
     assert lit.enhanced.shape == (12, 3)
-    config = load_config([], [*TINY_MODEL, "Model.enhancement = None"])
+    config = load_config([], TINY_PLAIN)
     plain = Model(config.model)
     plain_params = {"params": initial_state(config, plain).params}
     rendering = jax.jit(plain.apply)(plain_params, rays, ndc, NEUTRAL)

@@ -29,7 +29,7 @@ from internal.pages import report
 from internal.saved_config import to_json
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
-from tests.conftest import TINY_MODEL, bindings, flags
+from tests.conftest import TINY_MODEL, TINY_PLAIN, bindings, flags
 
 ROOT = Path(__file__).parents[1]
 
@@ -218,7 +218,7 @@ def test_other_light_renders_anew_and_only_changes_the_enhanced_scene(scene, run
 
 
 def test_a_plain_nerf_trains_evaluates_and_renders(scene, tmp_path):
-    arguments = flags(scene, tmp_path, "Model.enhancement = None")
+    arguments = flags(scene, tmp_path, model=TINY_PLAIN)
     for script in (train_script, eval_script, render_script):
         assert script.main(arguments) == 0
     mean = json.loads((tmp_path / "eval" / "metrics.json").read_text())["mean"]

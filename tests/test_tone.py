@@ -26,13 +26,15 @@ from internal.enhancements.tone import (
 )
 from internal.structs import Colored, Level, LitRendering
 from internal.training.optimizer import make_optimizer
-from tests.conftest import TINY_MODEL
+from tests.conftest import TINY_ENHANCED, TINY_MLP, TINY_SIZES
 from tests.test_training import make_run
 
 DARK = jnp.array([[0.02, 0.03, 0.01], [0.1, 0.08, 0.12], [0.0, 0.0, 0.0]])
 BRIGHT = Curve(5.0, jnp.float32(1.3))
 TINY_TONE = (
-    *TINY_MODEL,
+    *TINY_SIZES,
+    *TINY_MLP,
+    *TINY_ENHANCED,
     "Model.enhancement = @Tone()",
     "Train.batch_size = 24",
     "Optimizer.enhancement_lr_init = 0.3",

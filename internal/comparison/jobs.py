@@ -128,6 +128,27 @@ def scored_folder(out: Path, job: Job) -> Path:
     return _run(out, job) / "eval" if job.train else _place(out, job, "scores")
 
 
+def settings(job: Job, gin_bindings: Sequence[str]) -> list[str]:
+    """The bindings that change something of a job; photos are told where and how to
+    read the scene alone."""
+    kept = configs.with_effect(job.train, gin_bindings)
+    return kept if job.train else [x for x in kept if x.lstrip().startswith("Config.")]
+
+
+def check_settings(jobs: Sequence[Job], gin_bindings: Sequence[str]) -> None:
+    """Refuses bindings that change nothing of any job.
+
+    Raises:
+        UserError: names the first one.
+    """
+    kept = {binding for job in jobs for binding in settings(job, gin_bindings)}
+    for binding in gin_bindings:
+        if binding not in kept:
+            raise UserError(
+                f"gin: {binding} has no effect: no method of the list reads it"
+            )
+
+
 def do(out: Path, job: Job, gin_bindings: Sequence[str]) -> int:
     """Does a job, or what is missing of it.
 
@@ -138,7 +159,7 @@ def do(out: Path, job: Job, gin_bindings: Sequence[str]) -> int:
         UserError: anything that the user has to fix.
     """
     data_dir = str(job.data_dir.resolve())
-    bindings = [*gin_bindings, f"Config.data_dir = {data_dir!r}"]
+    bindings = [*settings(job, gin_bindings), f"Config.data_dir = {data_dir!r}"]
     images = job.photos
     if images in ENHANCERS:
         images = str(_enhanced_photos(out, job, configs.load_config([], bindings)))
