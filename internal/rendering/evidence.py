@@ -187,10 +187,10 @@ def witness(
 
 
 def noise_variance(noise: Noise) -> Float[np.ndarray, " nodes"]:
-    """Of one photo's pixels in levels, for the colours ``NODES``; rounding at least."""
+    """Of one photo's pixels in levels, for the colours ``NODES``, rounding included."""
     pairs = zip(noise.floor, noise.growth, strict=True)
     variances = [expectation(*pair)[1] for pair in pairs]
-    return np.maximum(np.mean(variances, axis=0), 1.0 / 12.0)
+    return np.mean(variances, axis=0)
 
 
 def shrink(lens: Lens, pixels: int) -> Lens:
