@@ -4,7 +4,8 @@
 python eval.py --run outputs/night
 
 Writes the folder eval/ of the run: pictures in a folder per output (enhanced/, dark/,
-v/, ...), metrics.json and index.html.
+v/, ...), metrics.json and index.html. evidence/ tells by false colours what the photos
+saw and what is guessed.
 """
 
 from internal import flags, script
@@ -17,12 +18,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import jax
+import numpy as np
 
 from internal import cli, parallel, progress
 from internal.color import from_uint16
 from internal.files import atomic, image_io
 from internal.files.listing import flat_pngs
 from internal.pages import pages, report, scores, tables
+from internal.rendering import evidence
 from internal.rendering.pictures import display_for, outputs_of, pictures
 from internal.rendering.renderer import Renderer
 from internal.scoring import evaluation
@@ -38,10 +41,16 @@ def main(argv: Sequence[str]) -> int:
     scene = cli.load_split(config, "test")
     run_folder.check_scene(Path(config.checkpoint_dir), scene.identity)
     renderer = Renderer(model, scene.cameras, scene.space, mesh, config.render.chunk)
+    witnesses = evidence.call_witnesses(
+        cli.load_split(config, "train"),
+        config.factor,
+        lambda camera: renderer.picture(state.params, camera),
+    )
     folder = Path(config.checkpoint_dir) / "eval"
 
     explained = {
         **outputs_of(config.model),
+        evidence.EVIDENCE: evidence.EVIDENCE_EXPLANATION,
         **{name: text for name, (_, text) in evaluation.BASELINES.items()},
         "input": "the dark photo",
         "truth": "the normal-light photo",
@@ -61,7 +70,14 @@ def main(argv: Sequence[str]) -> int:
         baselines = evaluation.brightened(rendering.rgb)
         gain = scene.gains[index]
         views[name] = evaluation.score_view(rendering, baselines, dark, truth, gain)
-        shown = {**pictures(rendering, display), "input": dark, **baselines}
+        camtoworld = np.asarray(scene.cameras.camtoworlds[index], np.float64)
+        found = witnesses.testify(scene.lenses[index], camtoworld, rendering)
+        shown = {
+            **pictures(rendering, display),
+            evidence.EVIDENCE: evidence.false_colors(found),
+            "input": dark,
+            **baselines,
+        }
         del shown["unchanged"]  # the picture "dark"
         if truth is not None:
             shown["truth"] = truth
@@ -84,6 +100,7 @@ def main(argv: Sequence[str]) -> int:
                 written, "enhanced" if "enhanced" in written else "dark"
             ),
             table,
+            report.evidence_legend(),
             *(
                 pages.Section(output, explained[output], tuple(media))
                 for output, media in written.items()

@@ -18,6 +18,7 @@ if __name__ == "__main__":  # before the imports below, which take seconds
 
 import contextlib
 import dataclasses
+import functools
 import hashlib
 import json
 from collections.abc import Sequence
@@ -29,15 +30,17 @@ import numpy as np
 from internal import cli, color, parallel, progress
 from internal.cameras import Cameras
 from internal.files import atomic, image_io, video
-from internal.pages import pages
+from internal.pages import pages, report
+from internal.rendering import evidence
 from internal.rendering.pictures import display_for, outputs_of, pictures
 from internal.rendering.renderer import Renderer
 from internal.rendering.trajectory import path_cameras
+from internal.structs import LitRendering, Rendering
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
 
 # The result comes first; the others explain it.
-OUTPUTS = ("enhanced", "dark", "v", "r", "depth")
+OUTPUTS = ("enhanced", "dark", "v", "r", "depth", evidence.EVIDENCE)
 
 
 def main(argv: Sequence[str]) -> int:
@@ -58,17 +61,31 @@ def main(argv: Sequence[str]) -> int:
     light = dataclasses.asdict(render.light())
     settings = {"step": int(state.step), "path": fingerprint(cameras), **light}
     folder = run / "render" / Path(render.path).stem
-    explained = outputs_of(config.model)
+    explained = {
+        **outputs_of(config.model),
+        evidence.EVIDENCE: evidence.EVIDENCE_EXPLANATION,
+    }
     outputs = [name for name in OUTPUTS if name in explained]
     for output in outputs:
         atomic.ensure_folder(folder / output)
     forget_other_frames(folder, settings)
 
+    @functools.cache
+    def witnesses() -> evidence.Witnesses:
+        def ask(camera: Cameras) -> Rendering | LitRendering:
+            return renderer.picture(state.params, camera)
+
+        return evidence.call_witnesses(scene, config.factor, ask)
+
     frames = range(len(cameras))
     for frame in progress.track(frames, len(frames), "rendering", "frame"):
         files = {output: folder / output / f"{frame:04d}.png" for output in outputs}
         if not all(file.is_file() for file in files.values()):
-            shown = pictures(renderer.view(state.params, frame, edit), display)
+            rendering = renderer.view(state.params, frame, edit)
+            pose = np.asarray(cameras.camtoworlds[frame], np.float64)
+            found = witnesses().testify(scene.lenses[0], pose, rendering)
+            shown = pictures(rendering, display)
+            shown[evidence.EVIDENCE] = evidence.false_colors(found)
             for output, file in files.items():
                 image_io.write(file, shown[output])
 
@@ -86,7 +103,10 @@ def main(argv: Sequence[str]) -> int:
         folder,
         f"{scene.name}: {render.path} at step {settings['step']}",
         f"Light: {used}. The frames of each video are in the folder of its name.",
-        [pages.Section("Videos", "The result first.", media)],
+        [
+            pages.Section("Videos", "The result first.", media),
+            report.evidence_legend(),
+        ],
     )
     print(page)
     return 0

@@ -22,6 +22,7 @@ from internal.color import from_uint16
 from internal.configs import load_config
 from internal.files import image_io
 from internal.rendering import paths
+from internal.rendering.evidence import LEGEND
 from internal.study.answers import preferences, read_answers
 from internal.training.checkpoints import Checkpoints, load_trained
 from tests.browser import chromium, until
@@ -123,6 +124,19 @@ def test_every_step_draws_what_render_py_writes(viewer, run):
     viewer.choose("Picture", "r")
     assert_shown(viewer, folder / "r" / "0000.png")
     assert viewer.frames[-1].number == computed  # light and choice cost no rendering
+
+
+def test_evidence_is_shown_with_its_legend(viewer):
+    viewer.choose("Picture", "evidence")
+    colors = {tuple(band.rgb) for band in LEGEND}
+
+    def only_its_colors():
+        return {tuple(c) for c in viewer.frame.reshape(-1, 3).tolist()} <= colors
+
+    until(only_its_colors, "the false colours")
+    viewer.page.get_by_text(LEGEND[0].meaning).wait_for()
+    viewer.choose("Picture", "enhanced")
+    viewer.page.get_by_text(LEGEND[0].meaning).wait_for(state="hidden")
 
 
 def test_the_border_between_two_outputs_is_dragged_in_the_picture(viewer):

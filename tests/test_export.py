@@ -26,11 +26,12 @@ from internal.errors import UserError
 from internal.export import bake, shapes, splat_files
 from internal.export import folder as export_folder
 from internal.export.density import from_field_space, normals, to_field_space
-from internal.export.sightings import mean_colors, surface_points
+from internal.export.sightings import mean_colors
 from internal.files import image_io
 from internal.models import Model
 from internal.parallel import data_mesh
 from internal.poses import transform_points
+from internal.rendering.surfaces import surface_points
 from internal.scene import colmap
 from internal.scene.scene import load_scene
 from internal.structs import Rendering

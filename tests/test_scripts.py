@@ -182,7 +182,7 @@ def test_evaluation_writes_pictures_and_scores(run):
     assert {"psnr", "ssim"} <= set(dark)
     assert {"gain_to_mean", "gamma_curve"} <= result["mean"].keys()
     outputs = "enhanced dark truth v r v_enhanced alpha gamma depth gain_to_mean"
-    for output in outputs.split():
+    for output in [*outputs.split(), "evidence"]:
         picture = image_io.read_srgb(run / "eval" / output / "000.png")
         assert picture.shape == (32, 36, 3)
     assert (run / "eval" / "index.html").is_file()
@@ -192,7 +192,7 @@ def test_rendering_writes_videos_and_goes_on_where_it_stopped(scene, run):
     arguments = [f"--run={run}"]
     assert render_script.main(arguments) == 0
     folder = run / "render" / "auto"
-    for name in "enhanced dark v r depth".split():
+    for name in "enhanced dark v r depth evidence".split():
         with av.open(folder / f"{name}.mp4") as video:
             assert video.streams.video[0].frames == 3
             assert video.streams.video[0].codec_context.pix_fmt == "yuv420p"

@@ -28,6 +28,7 @@ from internal.errors import UserError
 from internal.files import image_io
 from internal.models import Model
 from internal.rendering import paths
+from internal.rendering.evidence import EVIDENCE, LEGEND
 from internal.rendering.pictures import display_for, outputs_of
 from internal.scene.colmap import lens_directions
 from internal.scene.scene import load_scene
@@ -35,6 +36,7 @@ from internal.structs import LitRendering
 from internal.viewer import takes
 from internal.viewer.canvas import PHOTO, Choice, draw, photo_through
 from internal.viewer.free_camera import PIXELS, FreeCamera, single_camera, vertical_fov
+from internal.viewer.inquiry import Inquiry
 from internal.viewer.jobs import Job, Speedometer, Task
 from internal.viewer.server import Server
 from internal.viewer.session import Session
@@ -91,6 +93,7 @@ class FakeStudio(Studio):
                 rendering, lit=network.relight(rendering, edit)
             )
         )
+        self.inquiry = Inquiry(self, factor=1)
         self.edits, self.drafts = [], 0
 
     def final(self, trained, camera, edit):
@@ -204,16 +207,45 @@ def test_a_split_shows_one_output_on_each_side():
     picture = jax_like(rendering(40 * 30), 30, 40)
     photo = np.ones((30, 40, 3), np.float32)
     choice = Choice("enhanced", "dark", 0.25)
-    drawn = draw(picture, DISPLAY, choice, photo)
+    drawn = draw(picture, DISPLAY, choice, {})
     assert (drawn[:, :9] == 128).all()  # 0.5
     assert (drawn[:, 10:] == 13).all()  # 0.05
-    whole = draw(picture, DISPLAY, Choice(PHOTO), photo)
+    whole = draw(picture, DISPLAY, Choice(PHOTO), {PHOTO: photo})
     assert (whole == 255).all()
+
+
+def test_evidence_is_asked_for_once_by_whoever_wants_it_and_then_shown(studio, page):
+    page.session.stand(CAMERA)
+    work(studio)
+    rendered = len(studio.edits)
+    page.session.choose(Choice(EVIDENCE))
+    studio.turns.take_one()
+    assert (page.frames[-1].picture == 13).all()  # dark, 0.05
+    work(studio)
+    photos = len(studio.scene.view_names)
+    assert len(studio.edits) == rendered + photos
+    colors = {tuple(band.rgb) for band in LEGEND}
+    assert {tuple(c) for c in page.frames[-1].picture.reshape(-1, 3)} <= colors
+    assert len(page.messages) == 1 and "asking" in page.messages[0]
+    page.session.choose(Choice("dark", EVIDENCE))
+    work(studio)
+    assert len(studio.edits) == rendered + photos
+
+
+def test_a_snapshot_of_evidence_shows_its_colours(studio, page, tmp_path):
+    page.session.stand(CAMERA)
+    page.session.choose(Choice(EVIDENCE))
+    work(studio)
+    page.session.snapshot(tmp_path)
+    work(studio)
+    picture = image_io.read_srgb(tmp_path / "snapshot_001.png") * 255
+    colors = {tuple(band.rgb) for band in LEGEND}
+    assert {tuple(c) for c in np.round(picture).reshape(-1, 3)} <= colors
 
 
 def test_rays_without_a_colour_are_black():
     picture = jax_like(rendering(12, np.nan), 3, 4)
-    drawn = draw(picture, DISPLAY, Choice(), np.zeros((3, 4, 3), "f4"))
+    drawn = draw(picture, DISPLAY, Choice(), {})
     assert (drawn == 0).all()
 
 

@@ -20,9 +20,10 @@ from internal.export.bake import bake
 from internal.export.dataset import write_dataset
 from internal.export.density import Density, from_field_space, normals, to_field_space
 from internal.export.shapes import Cloud, Mesh
-from internal.export.sightings import Sighting, mean_colors, surface_points
+from internal.export.sightings import Sighting, mean_colors
 from internal.export.splats import carry_over
 from internal.files.made_folder import Facts
+from internal.rendering.surfaces import is_background, surface_points
 from internal.scene import colmap
 from internal.scene.scene import Scene, posed_cameras
 from internal.structs import LitRendering, Rendering
@@ -36,7 +37,6 @@ COLMAP_POINTS = 20_000  # enough to start splats from
 FEWEST_VIEWS = 2  # that must agree on a point of the cloud
 BETWEEN = 3  # every so many views there is one more, half way to its neighbour
 ALIKE = 0.7  # least cosine between the optical axes of neighbours
-BACKGROUND = 0.98  # of the far depth: what ends there hit nothing
 SMALLEST_STEP = 2e-3  # of normals' differences, share of the distance to the cameras
 
 
@@ -250,7 +250,7 @@ def _sighting(scene: Scene, view: int, rendering: Rendering | LitRendering) -> S
     directions = colmap.lens_directions(lens).reshape(lens.height, lens.width, 3)
     scale = poses.scale_of(scene.model_from_world)
     points = surface_points(scene.space, camtoworld, directions, depth)
-    is_surface = depth < BACKGROUND * scale * scene.far
+    is_surface = ~is_background(depth, scale * scene.far)
     dark = color.to_uint8(rendering.rgb)
     return Sighting(lens, camtoworld, color.to_uint8(lit), dark, points, is_surface)
 

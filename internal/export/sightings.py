@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from internal.cameras import Lens
-from internal.coord import ForwardFacing, Unbounded
 from internal.scene import colmap
 
 # A point is the surface that a pixel shows if it is this near to it, as a share of
@@ -31,26 +30,6 @@ class Sighting:
     def looks(self) -> dict[str, UInt8[np.ndarray, "height width 3"]]:
         """The pictures by the name that a user gives them."""
         return {"enhanced": self.srgb, "dark": self.dark_srgb}
-
-
-def surface_points(
-    space: ForwardFacing | Unbounded,
-    camtoworld: Float[np.ndarray, "3 4"],
-    directions: Float[np.ndarray, "*pixels 3"],
-    depth: Float[np.ndarray, "*pixels"],
-) -> Float[np.ndarray, "*pixels 3"]:
-    """Where rays end, from the depth that a rendering states.
-
-    In a forward-facing space that is depth along the mean camera's axis, else
-    distance in lengths of the directions, which are in the camera's frame.
-    """
-    world_directions = directions @ camtoworld[:, :3].T
-    origin = camtoworld[:, 3]
-    if isinstance(space, ForwardFacing):
-        t = (-depth - origin[2]) / world_directions[..., 2]
-    else:
-        t = depth
-    return origin + t[..., None] * world_directions
 
 
 def find_seen(

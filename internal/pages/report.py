@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from internal.pages import charts, pages, sliders
+from internal.rendering.evidence import legend_html
 from internal.scoring.evaluation import BASELINES
 from internal.training import run_folder
 
@@ -26,6 +27,17 @@ def compare_outputs(media: Media, right: str) -> pages.Markup:
         "Compare", "Drag the border. Each side can show any output.", by_view,
         "input", right,
     )  # fmt: skip
+
+
+def evidence_legend() -> pages.Markup:
+    """The meaning of the false colours of evidence."""
+    return pages.Markup(
+        "Evidence: the colours",
+        "A step of light is what the photos that saw a place just tell apart, all "
+        "together: the level of the dark picture, times the square root of their "
+        "number, over the noise of one. White balance and exposure lift noise alike.",
+        legend_html(),
+    )
 
 
 def parts_in(evaluation: Path) -> tuple[str, ...]:

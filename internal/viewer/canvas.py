@@ -6,6 +6,7 @@ rendering.
 """
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -34,15 +35,16 @@ def draw(
     rendering: Rendering | LitRendering,
     display: Display,
     choice: Choice,
-    photo: Picture,
+    others: Mapping[str, Picture],
 ) -> UInt8[np.ndarray, "height width 3"]:
     """The picture that a user sees.
 
     Args:
         display: scales of outputs that are not colours.
-        photo: what ``PHOTO`` shows, at the rendering's size.
+        others: pictures of the rendering's size that are not part of it, by name; a
+            choice that is not there yet shows the dark picture.
     """
-    shown = pictures(rendering, display) | {PHOTO: photo}
+    shown = {**pictures(rendering, display), **others}
     left = shown.get(choice.left, shown["dark"])
     if choice.right == NOTHING:
         return _to_uint8(left)

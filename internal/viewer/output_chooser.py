@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 
 import viser
 
+from internal.rendering.evidence import EVIDENCE, legend_html
 from internal.viewer.border import Border, split_at
 from internal.viewer.canvas import NOTHING, PHOTO, Choice
 from internal.viewer.handlers import Guard, on_change
@@ -39,6 +40,7 @@ class OutputChooser:
             hint="the border can be dragged in the picture, too",
         )  # fmt: skip
         self._explanation = gui.add_markdown(self._explain())
+        self._legend = gui.add_html(legend_html(), visible=False)
         on_change(guarded(self._choose), self._left, self._right, self._split)
         border.handle.on_drag(guarded(self._drag))
 
@@ -54,6 +56,7 @@ class OutputChooser:
 
     async def _choose(self, _: object) -> None:
         self._explanation.content = self._explain()
+        self._legend.visible = EVIDENCE in (self.choice.left, self.choice.right)
         is_split = self.choice.right != NOTHING
         self._split.visible = self._border.handle.visible = is_split
         self._border.place(camera_of(self._client.camera), self.choice.split)

@@ -14,12 +14,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
+from internal.cameras import Lens
 from internal.color import from_uint16
 from internal.enhancements.look import Look, same_edit
 from internal.errors import one_line
-from internal.rendering.pictures import Picture
+from internal.rendering.evidence import EVIDENCE, false_colors
+from internal.rendering.pictures import Picture, pictures
 from internal.scene.colmap import lens_directions
 from internal.structs import LitRendering, Rendering
 from internal.viewer import takes
@@ -110,6 +112,12 @@ class Session:
             self.choice, self._redraw = choice, True
         self._studio.turns.wake()
 
+    def redraw(self) -> None:
+        """Wants the same picture again, with what is known now."""
+        with self._lock:
+            self._redraw = True
+        self._studio.turns.wake()
+
     def refresh(self, size: str = "") -> None:
         """Wants the same again: at another of ``PIXELS``, or by a newer model."""
         with self._lock:
@@ -128,9 +136,11 @@ class Session:
 
         def write(rendering: Rendering | LitRendering) -> None:
             shot = takes.Snapshot(pose, look, output, trained.step)
-            path = takes.write_snapshot(
-                folder, shot, self._studio.scene, rendering, trained.display
-            )
+            shown = pictures(rendering, trained.display)
+            if output == EVIDENCE:
+                shown |= self._evidence(lens, pose, rendering, trained)
+            picture = shown.get(output, shown["dark"])
+            path = takes.write_snapshot(folder, shot, self._studio.scene, picture)
             self._say(f"saved {path} and, beside it, {path.stem}.json for render.py")
 
         task = self._studio.final(trained, single_camera(pose, lens), edit)
@@ -195,7 +205,8 @@ class Session:
         if shown is None:
             return
         lit = self._relit(shown, self.look)
-        picture = draw(lit, shown.trained.display, self.choice, self._photo(shown))
+        others = self._others(shown, self.choice)
+        picture = draw(lit, shown.trained.display, self.choice, others)
         times = self._times
         elapsed = times[-1] - times[0]
         frames_per_second = (len(times) - 1) / elapsed if elapsed > 0.0 else 0.0
@@ -206,15 +217,22 @@ class Session:
         )
         self._show(frame)
 
-    def _photo(self, shown: _Shown) -> Picture:
-        """The photo taken nearest to where the user stands, seen through the window."""
+    def _others(self, shown: _Shown, choice: Choice) -> dict[str, Picture]:
+        """What is chosen and no part of a rendering."""
         height, width, _ = shown.rendering.rgb.shape
-        if PHOTO not in (self.choice.left, self.choice.right):
-            return np.zeros((height, width, 3), np.float32)
-        scene, pose = self._studio.scene, shown.camera.camtoworld
+        lens, pose = shown.camera.lens(width * height), shown.camera.camtoworld
+        others: dict[str, Picture] = {}
+        if PHOTO in (choice.left, choice.right):
+            others[PHOTO] = self._photo(lens, pose)
+        if EVIDENCE in (choice.left, choice.right):
+            others |= self._evidence(lens, pose, shown.rendering, shown.trained)
+        return others
+
+    def _photo(self, lens: Lens, pose: Float[np.ndarray, "3 4"]) -> Picture:
+        """The photo taken nearest to where the user stands, seen through the window."""
+        scene = self._studio.scene
         view = self._studio.nearest_view(pose)
         rotation = np.asarray(scene.cameras.camtoworlds[view][:, :3], np.float64)
-        lens = shown.camera.lens(width * height)
         return photo_through(
             from_uint16(scene.images[view]),
             scene.lenses[view],
@@ -222,3 +240,16 @@ class Session:
             lens_directions(lens),
             lens,
         )
+
+    def _evidence(
+        self,
+        lens: Lens,
+        pose: Float[np.ndarray, "3 4"],
+        rendering: Rendering | LitRendering,
+        trained: Trained,
+    ) -> dict[str, Picture]:
+        """The evidence by its name; nothing while the photos are being asked."""
+        witnesses = self._studio.inquiry.witnesses(trained, self.redraw, self._say)
+        if witnesses is None:
+            return {}
+        return {EVIDENCE: false_colors(witnesses.testify(lens, pose, rendering))}

@@ -13,12 +13,14 @@ from internal.cameras import Cameras
 from internal.configs import Config
 from internal.enhancements.look import NEUTRAL, LightEdit, Look
 from internal.models import Model
+from internal.rendering.evidence import EVIDENCE, EVIDENCE_EXPLANATION
 from internal.rendering.pictures import Display, display_for, outputs_of
 from internal.rendering.renderer import Renderer
 from internal.scene.scene import Scene
 from internal.structs import LitRendering, Params, Rendering
 from internal.training.checkpoints import Checkpoints, load_trained
 from internal.viewer.free_camera import FreeCamera, single_camera, vertical_fov
+from internal.viewer.inquiry import Inquiry
 from internal.viewer.jobs import Speedometer, Task
 from internal.viewer.sharing import Turns
 
@@ -53,7 +55,8 @@ class Studio:
         self.final_speed = Speedometer(FIRST_GUESS_OF_SPEED)
         model, state = load_trained(config, self._mesh)
         chunk = min(config.render.chunk, LARGEST_CHUNK)
-        self.outputs = outputs_of(config.model)
+        self.outputs = {**outputs_of(config.model), EVIDENCE: EVIDENCE_EXPLANATION}
+        self.inquiry = Inquiry(self, config.factor)
         view = scene.cameras, scene.space, self._mesh, chunk
         self._renderer = Renderer(model, *view)
         self._draft_renderer = Renderer(with_fewer_samples(model), *view)

@@ -18,9 +18,8 @@ from internal.files import image_io
 from internal.files.atomic import ensure_folder
 from internal.poses import transform_poses
 from internal.rendering import paths
-from internal.rendering.pictures import Display, pictures
+from internal.rendering.pictures import Picture
 from internal.scene.scene import Scene
-from internal.structs import LitRendering, Rendering
 
 SNAPSHOT = re.compile(r"snapshot_(\d+)\.json")
 
@@ -41,8 +40,7 @@ def write_snapshot(
     folder: Path,
     shot: Snapshot,
     scene: Scene,
-    rendering: Rendering | LitRendering,
-    display: Display,
+    picture: Picture,
 ) -> Path:
     """Writes the next ``snapshot_N.png`` and a JSON of its name; returns the PNG.
 
@@ -61,8 +59,7 @@ def write_snapshot(
             *shot.look.bindings(),
         ],
     }
-    shown = pictures(rendering, display)
-    image_io.write(path, shown.get(shot.output, shown["dark"]))
+    image_io.write(path, picture)
     world = in_world(scene, shot.camtoworld[None])
     paths.to_json(path.with_suffix(".json"), world, fps=1, facts=facts)
     return path
