@@ -73,6 +73,16 @@ def read_size(path: Path) -> tuple[int, int]:
         return image.size
 
 
+def has_alpha(path: Path) -> bool:
+    """Whether there is an alpha channel.
+
+    Raises:
+        UserError: as ``read``, as far as the header tells.
+    """
+    with _opened(path) as image:
+        return "A" in image.mode
+
+
 def read_camera(path: Path) -> tuple[str, str, float]:
     """Maker, model, and focal length for 35 mm film in mm, as EXIF states them; ""
     and 0 where it does not."""

@@ -89,6 +89,29 @@ def read_values(path: Path) -> Float[np.ndarray, "height width channels"]:
     return pixels[..., : 1 if pixels.shape[-1] < 3 else 3]
 
 
+def has_alpha(path: Path) -> bool:
+    """Whether the file has an alpha channel, from its header alone.
+
+    Raises:
+        UserError: as ``read_srgb``, as far as the header tells.
+    """
+    _check_kind(path)
+    if heif.is_heif(path):
+        return heif.has_alpha(path)
+    with _open(path) as file:
+        return file.spec().alpha_channel >= 0
+
+
+def read_alpha(path: Path, upright: bool = True) -> Float[np.ndarray, "height width"]:
+    """The last channel of a file that ``has_alpha``: 1 is opaque.
+
+    Raises:
+        UserError: as ``read_srgb``.
+    """
+    pixels, _, orientation = _read(path)
+    return (_turn(pixels, orientation) if upright else pixels)[..., -1]
+
+
 def read_size(path: Path, upright: bool = True) -> tuple[int, int]:
     """(width, height), upright or as stored, from the file's header alone.
 

@@ -3,8 +3,8 @@
 
 An identity is a tree of JSON values: the frame, near and far the model is trained in,
 and for each view its split, photo (name and a digest of the file), lens, pose (in the
-pose file's frame) and the photo's gain. Truth is no part of it: nothing is trained on
-it.
+pose file's frame), the photo's gain, and a digest of its mask if it has one. Truth is
+no part of it: nothing is trained on it.
 """
 
 import hashlib
@@ -41,6 +41,7 @@ def identify(
             "lens": [lens.model, lens.width, lens.height, *lens.params],
             "camtoworld": np.ravel(files.camtoworlds[view]).tolist(),
             "gain": np.float64(gains[view]).tolist(),
+            **({"mask": _digest(mask)} if (mask := files.mask_paths[view]) else {}),
         }
         for view, lens in enumerate(lenses)
     }
@@ -67,7 +68,9 @@ def changes(old: Identity, new: Identity) -> list[str]:
     shared = [name for name in before if name in after]
 
     def differ(what: str) -> list[str]:
-        return [v for v in shared if not _equal(before[v][what], after[v][what])]
+        return [
+            v for v in shared if not _equal(before[v].get(what), after[v].get(what))
+        ]
 
     kinds = {
         "gone": [name for name in before if name not in after],
@@ -77,6 +80,7 @@ def changes(old: Identity, new: Identity) -> list[str]:
         "with another lens": differ("lens"),
         "with another photo": sorted({*differ("digest"), *differ("photo")}),
         "with another exposure": differ("gain"),
+        "with another mask": differ("mask"),
     }
     found = [
         f"{len(names)} of {len(before)} views {kind} ({_first(names)})"

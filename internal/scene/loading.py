@@ -18,12 +18,12 @@ from internal.errors import UserError
 from internal.files import image_io
 from internal.files.listing import list_pictures
 from internal.scene import colmap
+from internal.scene.masks import ASPECT_TOLERANCE, Mask, blackened
 from internal.scene.pairing import find_truth_folder, pair_by_name
 from internal.scene.readers.base import SceneFiles
 from internal.scene.unround import is_rounded, unround
 
 ROTATION_TOLERANCE = 1e-2  # hand-written JSON drifts; a mirror or a scale does not pass
-ASPECT_TOLERANCE = 0.02
 UINT16_ONE = 65535.0
 GAINS_FILE = "exposures.json"  # written by prepare.py
 
@@ -125,14 +125,14 @@ def find_truth(files: SceneFiles, data_dir: Path, gt_dir: str) -> Truth:
 
 
 def load_picture(
-    path: Path, lens: Lens, upright: bool = True, *, unrounded: bool = False
+    path: Path, lens: Lens, mask: Mask, upright: bool = True, *, unrounded: bool = False
 ) -> UInt16[np.ndarray, "_h _w 3"]:
-    """A picture, upright or as stored, at the size of its lens; ``unrounded``: see
-    ``internal/scene/unround``.
+    """A picture, upright or as stored, at the size of its lens, black where masked;
+    ``unrounded``: see ``internal/scene/unround``.
 
     Unrounded after shrinking, which keeps the bounds of rounding and costs less.
     """
-    srgb = image_io.read_srgb(path, upright)
+    srgb = blackened(image_io.read_srgb(path, upright), mask)
     shrunk = _fit(srgb, lens)
     if unrounded and is_rounded(srgb):
         shrunk = unround(shrunk)
@@ -175,9 +175,9 @@ def load_gains(
 
 
 def load_truth(
-    path: Path, dark_path: Path, lens: Lens, upright: bool
+    path: Path, dark_path: Path, lens: Lens, mask: Mask, upright: bool
 ) -> UInt16[np.ndarray, "_h _w 3"]:
-    """A normal-light twin at the size of the dark picture's lens.
+    """A normal-light twin at the size of the dark picture's lens, black where masked.
 
     Where the dark pictures are taken as stored, so is a twin whose stored pixels
     have their shape; another lost its orientation or got one: it is taken upright.
@@ -186,7 +186,7 @@ def load_truth(
         UserError: the sizes differ by more than one pixel.
     """
     as_stored = not upright and _has_shape(*image_io.read_size(path, False), lens)
-    truth = image_io.read_srgb(path, not as_stored)
+    truth = blackened(image_io.read_srgb(path, not as_stored), mask)
     height, width, _ = truth.shape
     dark_width, dark_height = image_io.read_size(dark_path, upright)
     difference = max(abs(width - dark_width), abs(height - dark_height))

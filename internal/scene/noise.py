@@ -11,6 +11,7 @@ Noise is of single pixels; ``[3]`` is red, green, blue; levels are 8-bit, 0 to 2
 """
 
 import dataclasses
+import itertools
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -24,6 +25,7 @@ from scipy import ndimage, optimize, special, stats
 
 from internal.color import srgb_to_linear
 from internal.files import atomic, image_io
+from internal.scene.masks import Mask, resize_mask
 
 # Mean level and noise variance (in levels) of dark to bright parts of photos.
 Measured = tuple[Float[np.ndarray, " _bins"], Float[np.ndarray, " _bins"]]
@@ -101,18 +103,30 @@ def expected_photo(noise: Noise) -> Observation:
     return observe
 
 
-def noise_of_files(paths: Sequence[Path]) -> Noise:
+def noise_of_files(
+    paths: Sequence[Path], masks: Sequence[Mask] = (), upright: bool = True
+) -> Noise:
     """The noise of photos, from the middles of some of them, evenly spread.
 
     Files, because photos that were shrunk to train on show less noise than was
     clipped before.
+
+    Args:
+        masks: of the photos, at any size; () if every pixel counts.
+        upright: whether masks are of the photos turned by EXIF, or as stored.
     """
-    chosen = paths[:: -(-len(paths) // MOST_PHOTOS)]
-    return estimate_noise([_middle(image_io.read_srgb(path)) for path in chosen])
+    step = -(-len(paths) // MOST_PHOTOS)
+    photos = []
+    for path, mask in itertools.zip_longest(paths[::step], masks[::step]):
+        srgb = image_io.read_srgb(path, upright)
+        if mask is not None:
+            srgb[~resize_mask(mask, srgb.shape[1], srgb.shape[0])] = np.nan
+        photos.append(_middle(srgb))
+    return estimate_noise(photos)
 
 
 def estimate_noise(photos: Sequence[Float[np.ndarray, "_height _width 3"]]) -> Noise:
-    """The noise of photos, sRGB in [0, 1]."""
+    """The noise of photos, sRGB in [0, 1], NaN where they do not count."""
     channels = [[255.0 * photo[..., c] for photo in photos] for c in range(3)]
     return fit([measure(channel) for channel in channels])
 
@@ -203,7 +217,8 @@ def _middle(
 def _blocks(
     levels: Float[np.ndarray, "height width"],
 ) -> tuple[Float[np.ndarray, " blocks"], Float[np.ndarray, " blocks"]]:
-    """Mean level and noise variance of each whole block of a picture."""
+    """Mean level and noise variance of each whole block of a picture; a block counts
+    if all pixels do that it is measured from."""
     answer = ndimage.convolve(levels, _KERNEL)[1:-1, 1:-1]
     rows, columns = (size // BLOCK for size in answer.shape)
 
@@ -211,4 +226,6 @@ def _blocks(
         whole = values[: rows * BLOCK, : columns * BLOCK]
         return whole.reshape(rows, BLOCK, columns, BLOCK).mean(axis=(1, 3)).ravel()
 
-    return means(levels[1:-1, 1:-1]), means(answer**2)
+    mean, variance = means(levels[1:-1, 1:-1]), means(answer**2)
+    counted = np.isfinite(variance)
+    return mean[counted], variance[counted]

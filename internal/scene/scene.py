@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt16
 
 from internal.cameras import NODES, Cameras, Lens
 from internal.coord import ForwardFacing, Unbounded
@@ -38,6 +38,7 @@ from internal.scene.loading import (
     load_picture,
     load_truth,
 )
+from internal.scene.masks import Mask, everything, load_masks, report
 from internal.scene.noise import Noise, noise_of_files
 from internal.scene.readers.base import SceneFiles
 
@@ -59,22 +60,35 @@ class Scene:
     cameras: Cameras  # NumPy arrays, model frame
     images: Sequence[Picture]  # dark input
     truth: Sequence[Picture]  # () without paired truth
+    masks: tuple[Mask, ...]  # of ``images`` and ``truth``; () if every pixel counts
     gains: Float[np.ndarray, "n 3"]  # photo over scene, linear light
     space: ForwardFacing | Unbounded
     near: float  # depth, in the pose file's units
     far: float
     model_from_world: Float[np.ndarray, "4 4"]  # similarity: pose file to model
+    upright: bool  # ``images`` are the files turned by EXIF, else as stored
     identity: Identity  # of all views, whatever the split
+
+    def mask(self, view: int) -> Mask:
+        """Which pixels of a view count."""
+        lens = self.lenses[view]
+        return self.masks[view] if self.masks else everything(lens.width, lens.height)
+
+    def pixels(self, view: int) -> UInt16[np.ndarray, "_n 3"]:
+        """The pixels of an image that count."""
+        image = self.images[view]
+        return image[self.masks[view]] if self.masks else np.reshape(image, (-1, 3))
 
     @functools.cached_property
     def brightness(self) -> float:
         """Mean of the pictures, sRGB in [0, 1]."""
-        return float(np.mean([image.mean() for image in self.images])) / UINT16_ONE
+        views = range(len(self.images))
+        return float(np.mean([self.pixels(v).mean() for v in views])) / UINT16_ONE
 
     @functools.cached_property
     def noise(self) -> Noise:
         """Noise of the photos' own pixels, estimated from the files."""
-        return noise_of_files(self.image_paths)
+        return noise_of_files(self.image_paths, self.masks, self.upright)
 
 
 def load_scene(
@@ -146,11 +160,17 @@ def load_scene(
     own_photos = photo_gains and not images_dir
     unrounds = unrounded and split == "train"
     gains = load_gains(data_dir, files.image_paths, own_photos)
+    masks = load_masks(files, lenses)
 
     views = np.flatnonzero(is_test == (split == "test"))
     if len(views) == 0:
         raise UserError(f"{data_dir}: no test views; set Config.holdout above 0")
     own_lenses = tuple(lenses[v] for v in views)
+    own_masks = [
+        masks[v] if masks else everything(lenses[v].width, lenses[v].height)
+        for v in views
+    ]
+    shown = list(zip(views.tolist(), own_masks, strict=True))
     camtoworlds = transform_poses(frame.model_from_world, files.camtoworlds[views])
     scene = Scene(
         name=data_dir.resolve().name,
@@ -163,30 +183,37 @@ def load_scene(
         images=hold(
             (
                 load_picture(
-                    files.image_paths[v], lenses[v], files.upright, unrounded=unrounds
+                    files.image_paths[v],
+                    lenses[v],
+                    mask,
+                    files.upright,
+                    unrounded=unrounds,
                 )
-                for v in views
+                for v, mask in shown
             ),
             max_image_memory,
         ),
         truth=hold(
             (
                 load_truth(
-                    truth.paths[v], files.image_paths[v], lenses[v], files.upright
+                    truth.paths[v], files.image_paths[v], lenses[v], mask, files.upright
                 )
-                for v in views
+                for v, mask in shown
                 if truth.paths
             ),
             max_image_memory,
         ),
+        masks=() if all(mask.all() for mask in own_masks) else tuple(own_masks),
         gains=gains[views],
         space=frame.space,
         near=bounds.near,
         far=bounds.far,
         model_from_world=frame.model_from_world,
+        upright=files.upright,
         identity=identify(files, lenses, is_test, gains, bounds, frame),
     )
     _report(scene, files, is_test, bounds, frame, truth)
+    report(masks)
     if not images_dir:  # else the user chose, and LLE + NeRF chooses bright photos
         _warn_of_normal_light(scene)
     return scene

@@ -31,7 +31,9 @@ class SceneFiles:
     points: Float[np.ndarray, "m 3"]  # sparse points in the same frame; m may be 0
     bounds: Float[np.ndarray, "b 2"]  # near, far along the axis: b is 0, 1 or n
     test_names: frozenset[str] | None  # None: the files state no split
+    mask_paths: tuple[Path | None, ...]  # None: no file masks the view
     upright: bool = True  # poses mean photos turned by EXIF, else pixels as stored
+    transparent_is_black: bool = False  # else what a photo has transparent is masked
 
 
 @dataclasses.dataclass(frozen=True)

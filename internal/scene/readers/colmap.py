@@ -12,6 +12,7 @@ import numpy as np
 from internal.errors import UserError
 from internal.files.listing import list_pictures, say_once
 from internal.scene.colmap import MODEL_ROOTS, find_model, find_models, read_model
+from internal.scene.mask_files import find_masks
 from internal.scene.pairing import find_input_folder, match_by_name, pair_by_name
 from internal.scene.readers.base import Reader, SceneFiles
 
@@ -45,6 +46,7 @@ def read(data_dir: Path, images_dir: str) -> SceneFiles:
         points=model.points,
         bounds=np.empty((0, 2)),
         test_names=None,
+        mask_paths=find_masks(data_dir, pictures, [model.names[v] for v in kept]),
         upright=False,
     )
 

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from internal.cameras import Lens
 from internal.errors import UserError, one_line
 from internal.files.listing import list_pictures
+from internal.scene.mask_files import find_masks
 from internal.scene.pairing import find_input_folder
 from internal.scene.readers.base import Reader, SceneFiles
 
@@ -53,6 +54,7 @@ def read(data_dir: Path, images_dir: str) -> SceneFiles:
         points=np.empty((0, 3)),
         bounds=rows[:, 15:],
         test_names=None,
+        mask_paths=find_masks(data_dir, folder, names),
         upright=False,
     )
 

@@ -8,9 +8,9 @@ synthetic scenes, LOM, RealX3D). ``val`` is read only where there is no ``test``
 
 Both: OpenGL camera-to-world matrices; intrinsics in pixels of the stated ``w`` by
 ``h``, global or per frame, or ``camera_angle_x`` alone; ``near`` and ``far`` as
-optional depths. A picture listed in a normal-light folder stands for its dark
-twin. Sparse points come from a COLMAP model beside the file, moved by the
-similarity that takes its camera centres to the JSON's; so files that state an
+optional depths; ``mask_path`` per frame. A picture listed in a normal-light folder
+stands for its dark twin. Sparse points come from a COLMAP model beside the file, moved
+by the similarity that takes its camera centres to the JSON's; so files that state an
 ``applied_transform`` need no special case.
 """
 
@@ -32,6 +32,7 @@ from internal.errors import UserError
 from internal.files import image_io
 from internal.files.listing import composed, find_file, is_metadata
 from internal.scene import colmap
+from internal.scene.mask_files import find_masks
 from internal.scene.pairing import dark_twin, pair_by_name
 from internal.scene.readers.base import Reader, SceneFiles
 
@@ -184,7 +185,9 @@ def _scene_files(
         points=_sparse_points(data_dir, names, camtoworlds),
         bounds=_bounds(frames),
         test_names=test_names or None,
+        mask_paths=_masks(data_dir, tuple(by_name.values())),
         upright=_means_upright(image_paths, lenses),
+        transparent_is_black=name == BLENDER.name,
     )
 
 
@@ -224,6 +227,38 @@ def _names(paths: Iterable[Path], data_dir: Path) -> list[str]:
         (path.relative_to(data_dir) if is_inside else path).as_posix()
         for path, is_inside in zip(paths, inside, strict=True)
     ]
+
+
+def _masks(data_dir: Path, frames: Sequence[_Frame]) -> tuple[Path | None, ...]:
+    """The masks that the file names, or where it names none those of a folder."""
+    stated = tuple(_stated_mask(frame) for frame in frames)
+    if any(stated):
+        return stated
+    inside = [
+        frame.image_path.relative_to(data_dir).as_posix()
+        if frame.image_path.is_relative_to(data_dir)
+        else frame.image_path.name
+        for frame in frames
+    ]
+    return find_masks(data_dir, data_dir, inside)
+
+
+def _stated_mask(frame: _Frame) -> Path | None:
+    listed = frame.values.get("mask_path") or None
+    if listed is None:
+        return None
+    if not isinstance(listed, str):
+        raise UserError(
+            f"{frame.json_path}: mask_path of {frame.image_path.name} is "
+            f"{repr(listed)[:60]}; expected a path"
+        )
+    path = find_file(locate(frame.json_path.parent, listed))
+    if not path.is_file():
+        raise UserError(
+            f"{path}: mask not found, but {frame.json_path} names it for "
+            f"{frame.image_path.name}; copy it there or remove its mask_path"
+        )
+    return path
 
 
 def _listed(frame: _Frame, key: str) -> set[str]:

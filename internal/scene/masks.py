@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Masks: which pixels of a photo count. The others are neither trained nor scored.
+
+A mask is a picture, black where the photo is ignored (``mask_files`` finds it). A
+photo's own alpha is one too: what is not opaque is ignored, but in Blender's scenes,
+whose transparent pixels are known to be empty. In memory a mask is bool, True where the
+pixel counts; it follows the photo to any size, where a pixel counts if all counts that
+it covers.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from internal.cameras import Lens
+from internal.errors import UserError
+from internal.files import image_io
+from internal.scene.readers.base import SceneFiles
+
+Mask = Bool[np.ndarray, "_h _w"]
+
+ASPECT_TOLERANCE = 0.02  # of pictures that show the same
+OPAQUE = 0.999  # the faintest level of transparency in 8 bits is below
+MOST = 0.5  # of the pixels; more are masked by mistake as often as not
+STRIPE = 4  # pixels
+HATCHING = (0.25, 0.45)  # sRGB of the stripes
+
+
+def load_masks(files: SceneFiles, lenses: Sequence[Lens]) -> tuple[Mask, ...]:
+    """The masks of all views at the sizes of their lenses; () if all pixels count.
+
+    Raises:
+        UserError: a mask is missing, unreadable or of another shape than its photo, or
+            masks all of it.
+    """
+    masks = []
+    for view, lens in enumerate(lenses):
+        mask = resize_mask(read_mask(files, view), lens.width, lens.height)
+        if not mask.any():
+            photo = files.image_paths[view]
+            raise UserError(
+                f"{files.mask_paths[view] or photo}: all of {photo.name} is masked; "
+                "black is ignored, white is used: correct the mask, or take the photo "
+                "out of the scene"
+            )
+        masks.append(mask)
+    return () if all(mask.all() for mask in masks) else tuple(masks)
+
+
+def read_mask(files: SceneFiles, view: int) -> Mask:
+    """Which pixels of a view's photo count, at the photo's size.
+
+    Raises:
+        UserError: as ``load_masks``.
+    """
+    photo, path = files.image_paths[view], files.mask_paths[view]
+    width, height = image_io.read_size(photo, files.upright)
+    mask = everything(width, height)
+    if path:
+        mask = mask & _read(path, photo, (width, height), files.upright)
+    if not files.transparent_is_black and image_io.has_alpha(photo):
+        mask = mask & (image_io.read_alpha(photo, files.upright) > OPAQUE)
+    return mask
+
+
+def everything(width: int, height: int) -> Mask:
+    """The mask of a photo of which every pixel counts, in one byte of memory."""
+    return np.broadcast_to(np.True_, (height, width))
+
+
+def resize_mask(mask: Mask, width: int, height: int) -> Mask:
+    """The mask at another size: True where all pixels are that the new one covers."""
+    for axis, size in enumerate((height, width)):
+        old = mask.shape[axis]
+        if old != size:
+            place = np.arange(size)
+            first, last = place * old // size, -(-(place + 1) * old // size)
+            false = np.cumsum(~mask, axis=axis, dtype=np.int32)
+            none = np.zeros_like(false.take([0], axis=axis))
+            false = np.concatenate([none, false], axis=axis)
+            mask = false.take(last, axis=axis) == false.take(first, axis=axis)
+    return mask
+
+
+def blackened(
+    srgb: Float[np.ndarray, "height width 3"], mask: Mask
+) -> Float[np.ndarray, "height width 3"]:
+    """The picture, black where a mask of any size ignores it: what was there is in
+    nothing that is computed from it."""
+    if mask.all():
+        return srgb
+    hidden = resize_mask(~mask, srgb.shape[1], srgb.shape[0])
+    return np.where(hidden[..., None], np.float32(0.0), srgb)
+
+
+def hatched(
+    srgb: Float[np.ndarray, "height width 3"], mask: Bool[np.ndarray, "height width"]
+) -> Float[np.ndarray, "height width 3"]:
+    """The picture with grey stripes where it is ignored, to look at."""
+    y, x = (np.arange(size) for size in mask.shape)
+    stripes = np.array(HATCHING, np.float32)[(y[:, None] + x) // STRIPE % 2]
+    return np.where(mask[..., None], srgb, stripes[..., None])
+
+
+def describe(masks: Sequence[Mask]) -> str:
+    """How many photos and pixels are masked."""
+    masked = sum(not mask.all() for mask in masks)
+    share = 100.0 * masked_share(masks)
+    return f"{masked} of {len(masks)} photos, {share:.1f} % of the pixels"
+
+
+def masked_share(masks: Sequence[Mask]) -> float:
+    """The masked part of all pixels, 0 to 1."""
+    counted = sum(int(np.count_nonzero(mask)) for mask in masks)
+    return 1.0 - counted / sum(mask.size for mask in masks)
+
+
+def report(masks: Sequence[Mask]) -> None:
+    """Prints how much is masked, where anything is."""
+    if masks:
+        print(f"  masks: {describe(masks)}")
+        if masked_share(masks) > MOST:
+            print(
+                "WARNING: masks cover more than half of the pixels. Black is ignored, "
+                "white is used: invert masks that mean the opposite"
+            )
+
+
+def _read(path: Path, photo: Path, size: tuple[int, int], upright: bool) -> Mask:
+    """A mask file at the size of its photo.
+
+    Black is ignored. A file that has white is cut halfway to it, so that neither soft
+    edges nor what JPEG leaves around them count; in one that has none, whose values are
+    numbers of classes, all but 0 counts.
+    """
+    srgb = image_io.read_srgb(path, upright)
+    height, width = srgb.shape[:2]
+    if abs(width * size[1] / (height * size[0]) - 1.0) > ASPECT_TOLERANCE:
+        raise UserError(
+            f"{path}: {width}x{height} pixels, but its photo {photo} has "
+            f"{size[0]}x{size[1]}, another shape; make the mask from this photo"
+        )
+    least = 0.5 if srgb.max() > 0.5 else 0.0
+    return resize_mask(np.asarray((srgb > least).any(axis=-1)), *size)
