@@ -88,7 +88,7 @@ class Witness:
         local = (points - self.camtoworld[:, 3]) @ self.camtoworld[:, :3]
         pixels = colmap.project(self.lens, local)
         size = [self.lens.width, self.lens.height]
-        seen = ((pixels >= 0.0) & (pixels < size)).all(axis=-1)
+        seen = np.all((pixels >= 0.0) & (pixels < size), axis=-1)
         index = np.flatnonzero(seen)
         column, row = pixels[index].astype(int).T
         distance = np.linalg.norm(local[index], axis=-1)
@@ -149,7 +149,13 @@ def gather(
     far = poses.scale_of(scene.model_from_world) * scene.far
     asked = zip(witness_cameras(scene), renderings, strict=True)
     cameras = tuple(
-        witness(scene.space, far, lens, np.float64(camera.camtoworlds[0]), rendering)
+        witness(
+            scene.space,
+            far,
+            lens,
+            np.asarray(camera.camtoworlds[0], np.float64),
+            rendering,
+        )
         for (lens, camera), rendering in asked
     )
     variance = noise_variance(scene.noise) / factor**2
