@@ -74,7 +74,8 @@ def load(
         scene = cli.load_split(config, "train")
     mesh = parallel.data_mesh(config.train.batch_size, jax.devices()[:devices])
     model = Model(config.model)
-    pixels = sampler.resident_pixels(scene.images, scene.gains)
+    choices = sampler.choices_of(scene.masks, sampler.neighbors_of(config))
+    pixels = sampler.resident_pixels(scene.images, scene.gains, choices)
     arguments = parallel.replicate((scene.cameras, scene.space, pixels), mesh)
     state = parallel.replicate(initial_state(config, model), mesh)
     step = jax.jit(

@@ -12,7 +12,7 @@ from internal.color import from_uint16
 from internal.configs import Config
 from internal.scene.scene import Scene
 
-PIXELS_METERED = 300_000  # of all training photos, evenly
+PIXELS_METERED = 300_000  # of what counts in all training photos, evenly
 
 
 def metered(config: Config, scene: Scene) -> Config:
@@ -24,9 +24,10 @@ def metered(config: Config, scene: Scene) -> Config:
     enhancement = config.model.enhancement
     if enhancement is None:
         return config
-    total = sum(image.shape[0] * image.shape[1] for image in scene.images)
+    views = range(len(scene.images))
+    total = sum(int(np.count_nonzero(scene.mask(view))) for view in views)
     stride = max(total // PIXELS_METERED, 1)
-    pixels = [np.reshape(image, (-1, 3))[::stride] for image in scene.images]
+    pixels = [scene.pixels(view)[::stride] for view in views]
     found = enhancement.metered(from_uint16(np.concatenate(pixels)))
     return dataclasses.replace(
         config, model=dataclasses.replace(config.model, enhancement=found)

@@ -3,12 +3,14 @@
 
 A batch is made of patches: a pixel, and for an enhancement with ``neighbors = 2`` the
 ones to its right and below it, each with its own colour; until ``enhance_start``, when
-nothing asks for neighbours yet, of as many single pixels. The pixels of step k follow
-from the seed and k alone, whatever the number of devices or hosts. Pictures lie end to
+nothing asks for neighbours yet, of as many single pixels. None of them is masked. The
+pixels of step k follow from the seed and k alone, whatever the number of devices or
+hosts. Pictures lie end to
 end in one flat uint16 array (65535 is 1.0), on the devices (``ResidentPixels``) or,
 when too large or with several processes, on the hosts (``FedPixels``).
 """
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Protocol, runtime_checkable
 
@@ -23,6 +25,8 @@ from internal import parallel
 from internal.cameras import Cameras
 from internal.configs import Config, TrainConfig
 from internal.files.picture_store import Picture, PictureStore, gigabytes
+from internal.scene.masks import Mask
+from internal.training.choices import Choices, find_choices
 
 # Steps right and down from a patch's centre.
 _OFFSETS = {0: ((0,), (0,)), 2: ((0, 1, 0), (0, 0, 1))}
@@ -83,16 +87,39 @@ def sample_pixels(
     train: TrainConfig,
     neighbors: int,
     step: Int[Array, ""],
+    choices: Choices | None = None,
 ) -> Pixels:
     """Draws photos evenly, then pixels evenly inside each photo.
 
     Patches are only needed by the smoothness loss; before it starts every member is
     a pixel of its own, which tells the field more. Patches never leave the picture,
     so every member has a colour of its own.
+
+    Args:
+        choices: the pixels that may be drawn; None: all.
     """
-    view_key, x_key, y_key = jax.random.split(key, 3)
     columns, rows = _OFFSETS[neighbors]
     members = (train.batch_size, len(columns))
+    draw = _draw_all if choices is None else functools.partial(_draw_some, choices)
+    apart, corner = draw(key, cameras, members, max(columns), max(rows))
+    together = Pixels(
+        view=jnp.broadcast_to(corner.view, members),
+        x=corner.x + jnp.array(columns),
+        y=corner.y + jnp.array(rows),
+    )
+    in_patches = step >= train.enhance_start
+    return jax.tree.map(lambda p, q: jnp.where(in_patches, p, q), together, apart)
+
+
+def _draw_all(
+    key: PRNGKeyArray,
+    cameras: Cameras,
+    members: tuple[int, int],
+    columns: int,
+    rows: int,
+) -> tuple[Pixels, Pixels]:
+    """Single pixels, and the first ones of patches of so many more columns and rows."""
+    view_key, x_key, y_key = jax.random.split(key, 3)
     view = jax.random.randint(view_key, members, 0, len(cameras))
     widths = jnp.asarray(cameras.widths)[view]
     heights = jnp.asarray(cameras.heights)[view]
@@ -101,15 +128,32 @@ def sample_pixels(
         x=jax.random.randint(x_key, members, 0, widths),
         y=jax.random.randint(y_key, members, 0, heights),
     )
-    corner_x = jnp.minimum(apart.x, widths - 1 - max(columns))[:, :1]
-    corner_y = jnp.minimum(apart.y, heights - 1 - max(rows))[:, :1]
-    together = Pixels(
-        view=jnp.broadcast_to(view[:, :1], members),
-        x=corner_x + jnp.array(columns),
-        y=corner_y + jnp.array(rows),
+    corner = Pixels(
+        view=view[:, :1],
+        x=jnp.minimum(apart.x, widths - 1 - columns)[:, :1],
+        y=jnp.minimum(apart.y, heights - 1 - rows)[:, :1],
     )
-    in_patches = step >= train.enhance_start
-    return jax.tree.map(lambda p, q: jnp.where(in_patches, p, q), together, apart)
+    return apart, corner
+
+
+def _draw_some(
+    choices: Choices,
+    key: PRNGKeyArray,
+    cameras: Cameras,
+    members: tuple[int, int],
+    columns: int,
+    rows: int,
+) -> tuple[Pixels, Pixels]:
+    """Likewise of what may be drawn."""
+    own_key, patch_key = jax.random.split(key)
+    widths = jnp.asarray(cameras.widths)
+
+    def place(view: Int[Array, "*b"], index: Int[Array, "*b"]) -> Pixels:
+        y, x = jnp.divmod(index, widths[view])
+        return Pixels(view, x, y)
+
+    apart = place(*choices.singles.draw(own_key, members))
+    return apart, place(*choices.patches.draw(patch_key, (members[0], 1)))
 
 
 @struct.dataclass
@@ -119,6 +163,7 @@ class ResidentPixels:
     levels: UInt16[Array | np.ndarray, "k 3"]
     starts: Int[Array | np.ndarray, " n"]  # first row of each picture
     gains: Float[Array | np.ndarray, "n 3"]
+    choices: Choices | None  # None: every pixel may be drawn
 
     def batch(
         self,
@@ -128,7 +173,7 @@ class ResidentPixels:
         neighbors: int,
         step: Int[Array, ""],
     ) -> Batch:
-        pixels = sample_pixels(key, cameras, train, neighbors, step)
+        pixels = sample_pixels(key, cameras, train, neighbors, step, self.choices)
         rows = flat_rows(pixels, self.starts, cameras.widths)
         return Batch(pixels, self.levels[rows], self.gains[pixels.view])
 
@@ -160,14 +205,24 @@ def flat_rows(
     return starts[pixels.view] + pixels.y * widths[pixels.view] + pixels.x
 
 
+def choices_of(masks: Sequence[Mask], neighbors: int) -> Choices | None:
+    """What a step may draw of photos with these masks; None: () leaves all of them."""
+    return find_choices(masks, *_OFFSETS[neighbors]) if masks else None
+
+
 def resident_pixels(
-    images: Sequence[Picture], gains: Float[np.ndarray, "n 3"]
+    images: Sequence[Picture],
+    gains: Float[np.ndarray, "n 3"],
+    choices: Choices | None = None,
 ) -> ResidentPixels:
     """All pictures, flat."""
     sizes = [image.shape[0] * image.shape[1] for image in images]
     starts = np.cumsum([0, *sizes[:-1]]).astype(np.int32)
     return ResidentPixels(
-        np.concatenate([image.reshape(-1, 3) for image in images]), starts, gains
+        np.concatenate([image.reshape(-1, 3) for image in images]),
+        starts,
+        gains,
+        choices,
     )
 
 
@@ -181,21 +236,24 @@ class PixelFeeder:
         cameras: Cameras,
         mesh: jax.sharding.Mesh,
         config: Config,
+        choices: Choices | None,
     ) -> None:
         self._images, self._gains = images, gains
+        self._choices = jax.device_put(choices)
         self._mesh = mesh
         self._share = parallel.process_share(config.train.batch_size)
 
         @jax.jit
-        def sample(step: Int[Array, ""]) -> Pixels:
+        def sample(step: Int[Array, ""], choices: Choices | None) -> Pixels:
             key, _ = step_keys(config.train.seed, step)
-            return sample_pixels(key, cameras, config.train, neighbors_of(config), step)
+            neighbors = neighbors_of(config)
+            return sample_pixels(key, cameras, config.train, neighbors, step, choices)
 
         self._sample = sample
 
     def feed(self, step: int) -> FedPixels:
         """The batch that ``ResidentPixels.batch`` gives after ``step`` steps."""
-        sampled = jax.device_get(self._sample(np.int32(step)))
+        sampled = jax.device_get(self._sample(np.int32(step), self._choices))
         pixels = jax.tree.map(lambda x: x[self._share], sampled)
         levels = self._images.pixels(pixels.view, pixels.x, pixels.y)
         batch = Batch(pixels, levels, self._gains[pixels.view])
@@ -208,17 +266,19 @@ def pixel_source(
     cameras: Cameras,
     mesh: jax.sharding.Mesh,
     config: Config,
+    masks: Sequence[Mask] = (),
 ) -> Callable[[int], PixelSource]:
     """What gives the train step its pixels, as a function of the finished steps.
 
     Pictures larger than ``Config.max_image_memory`` gigabytes, and all pictures of a
     run of several processes, are fed by the host.
     """
+    choices = choices_of(masks, neighbors_of(config))
     size = gigabytes(images)
     stored = isinstance(images, PictureStore)
     if stored or jax.process_count() > 1 or size > config.max_image_memory:
         print(f"pictures: {size:.2f} GB, fed from the host", flush=True)
         store = images if isinstance(images, PictureStore) else PictureStore(images)
-        return PixelFeeder(store, gains, cameras, mesh, config).feed
-    resident = parallel.replicate(resident_pixels(images, gains), mesh)
+        return PixelFeeder(store, gains, cameras, mesh, config, choices).feed
+    resident = parallel.replicate(resident_pixels(images, gains, choices), mesh)
     return lambda step: resident

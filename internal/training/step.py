@@ -251,7 +251,7 @@ def compiled_step(
     host when too large; ``scene`` is the training split.
     """
     pixels_of_step = pixel_source(
-        scene.images, scene.gains, scene.cameras, mesh, config
+        scene.images, scene.gains, scene.cameras, mesh, config, scene.masks
     )
     cameras, space = parallel.replicate((scene.cameras, scene.space), mesh)
     ideal = config.losses.observation == "ideal"
