@@ -24,7 +24,7 @@ from internal.scene.scene import Scene, load_scene
 from internal.training import exposure, sampler
 from internal.training.choices import find_choices
 from internal.training.step import compiled_step, initial_state, make_train_step
-from tests.conftest import TINY_MODEL
+from tests.conftest import TINY_ENHANCED, TINY_MLP, TINY_MODEL, TINY_SIZES
 from tests.scene_writers import facing_world, write_llff
 
 GAINS = np.ones((3, 3), np.float32)
@@ -170,7 +170,8 @@ def test_a_training_knows_its_scenes_masks(twins, tiny_config):
 
 
 def test_metering_sees_what_counts_alone(twins):
-    tone = load_config([], [*TINY_MODEL, "Model.enhancement = @Tone()"])
+    model = (*TINY_SIZES, *TINY_MLP, *TINY_ENHANCED)
+    tone = load_config([], [*model, "Model.enhancement = @Tone()"])
     first, second = (exposure.metered(tone, scene) for scene in twins)
     assert first == second
     counted = [i[m] for i, m in zip(twins[0].images, twins[0].masks, strict=True)]
