@@ -26,7 +26,7 @@ from internal.files import atomic, image_io
 from internal.files.listing import flat_pngs
 from internal.pages import pages, report, scores, tables
 from internal.rendering import evidence
-from internal.rendering.pictures import display_for, outputs_of, pictures
+from internal.rendering.pictures import display_for, pictures
 from internal.rendering.renderer import Renderer
 from internal.scoring import evaluation
 from internal.training import run_folder
@@ -49,8 +49,7 @@ def main(argv: Sequence[str]) -> int:
     folder = Path(config.checkpoint_dir) / "eval"
 
     explained = {
-        **outputs_of(config.model),
-        evidence.EVIDENCE: evidence.EVIDENCE_EXPLANATION,
+        **evidence.explained_outputs(config.model),
         **{name: text for name, (_, text) in evaluation.BASELINES.items()},
         "input": "the dark photo",
         "truth": "the normal-light photo",

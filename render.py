@@ -32,7 +32,7 @@ from internal.cameras import Cameras
 from internal.files import atomic, image_io, video
 from internal.pages import pages, report
 from internal.rendering import evidence
-from internal.rendering.pictures import display_for, outputs_of, pictures
+from internal.rendering.pictures import display_for, pictures
 from internal.rendering.renderer import Renderer
 from internal.rendering.trajectory import path_cameras
 from internal.structs import LitRendering, Rendering
@@ -61,10 +61,7 @@ def main(argv: Sequence[str]) -> int:
     light = dataclasses.asdict(render.light())
     settings = {"step": int(state.step), "path": fingerprint(cameras), **light}
     folder = run / "render" / Path(render.path).stem
-    explained = {
-        **outputs_of(config.model),
-        evidence.EVIDENCE: evidence.EVIDENCE_EXPLANATION,
-    }
+    explained = evidence.explained_outputs(config.model)
     outputs = [name for name in OUTPUTS if name in explained]
     for output in outputs:
         atomic.ensure_folder(folder / output)

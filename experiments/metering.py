@@ -20,7 +20,13 @@ from experiments import captures
 from experiments.captures import Shot
 from internal.color import photo_to_linear
 from internal.enhancements import metering
-from internal.enhancements.metering import Prior, developed, first_exposure
+from internal.enhancements.metering import (
+    Prior,
+    blended,
+    developed,
+    first_exposure,
+    largest_channel,
+)
 
 FOLDS = 8
 EXAMPLES = 150  # of the kernel regression
@@ -28,7 +34,6 @@ STOPS = np.arange(-3.0, 13.0, 0.1)  # searched for the best exposure
 LEVELS_OF_LIGHT = photo_to_linear(np.arange(256) / 255.0)
 STRAIGHT = (1.0, 64.0)  # a line that clips, but for a rounded corner
 SHIPPED = "kernel, pairs 0.3"
-CURVE = (1.2, 2.0)  # contrast and shoulder of what ships
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,7 +93,8 @@ def under_curve(shots: list[Shot], contrast: float, shoulder: float) -> Lit:
     curves = developed(exposed, 0.0, contrast, shoulder)
     firsts, shapes, errors = [], [], []
     for shot in shots:
-        first, shape = first_exposure(LEVELS_OF_LIGHT[shot.dark], contrast, shoulder)
+        light, counts = largest_channel(LEVELS_OF_LIGHT[shot.dark])
+        first, shape = first_exposure(light, counts, contrast, shoulder)
         firsts.append(first)
         shapes.append(shape)
         errors.append(errors_of(curves, shot))
@@ -224,16 +230,15 @@ def main() -> None:
     shipped = {}
     for name, family in FAMILIES.items():
         own = lit[family.contrast, family.shoulder]
-        rows.append(row(name, shots, own, left_out(family, shots, own)))
+        stops = left_out(family, shots, own)
+        rows.append(row(name, shots, own, stops))
         if name == SHIPPED:
             weight = weights_of(shots, family.pairs)
             shipped = written(fitted(family, own, weight, np.ones(len(shots), bool)))
-            normal = todays(shots, *CURVE, metering.NORMAL, True)
-            stops = left_out(family, shots, own)
-            blended = stops + metering.NORMAL_SHARE * (normal - stops)
-            rows.append(
-                row("a third of the way to mean 0.58: ships", shots, own, blended)
-            )
+            curve = family.contrast, family.shoulder
+            normal = todays(shots, *curve, metering.NORMAL, True)
+            both = np.asarray(blended(stops, normal))
+            rows.append(row("a third of the way to mean 0.58: ships", shots, own, both))
         print(rows[-1], flush=True)
     for name, curve in (
         ("best of n 1.2, k 2", (1.2, 2.0)),
@@ -254,11 +259,12 @@ def scenes(shipped: dict) -> list[tuple[str, ...]]:
     """Errors in stops of the two rules and of their blend on whole scenes."""
     prior = metering.prior_of(shipped)
     names, shots = zip(*captures.scene_shots(), strict=True)
-    lit = under_curve(list(shots), *CURVE)
+    curve = prior.contrast, prior.shoulder
+    lit = under_curve(list(shots), *curve)
     kernel = lit.first + metering.correction(lit.shapes, prior)
-    normal = todays(list(shots), *CURVE, metering.NORMAL, True)
-    blended = kernel + metering.NORMAL_SHARE * (normal - kernel)
-    errors = np.stack([kernel, normal, blended], axis=1) - lit.best[:, None]
+    normal = todays(list(shots), *curve, metering.NORMAL, True)
+    rules = [kernel, normal, blended(kernel, normal)]
+    errors = np.stack(rules, axis=1) - lit.best[:, None]
     rms = np.sqrt(np.mean(errors**2, axis=0))
     rows = [(n, *(f"{x:+.2f}" for x in e)) for n, e in zip(names, errors, strict=True)]
     return [*rows, ("RMS", *(f"{x:.2f}" for x in rms))]

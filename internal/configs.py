@@ -138,9 +138,10 @@ def load_config(
             no meaning, or nothing reads it.
     """
     register()
-    config = binding.parsed(files, bindings, base, Config)
+    config, names = _parsed(files, bindings, base)
     _check(config)
-    for name, where in _without_effect(files, bindings, base):
+    found = _used(config, names)
+    for name, where in _without_effect(files, bindings, base, found):
         place = f"{where}: " if where else ""
         raise UserError(f"gin: {place}{name} has no effect: {_reader(name)}")
     return config
@@ -159,7 +160,7 @@ def bound(name: str, files: Sequence[str], bindings: Sequence[str]) -> str:
 def with_effect(files: Sequence[str], bindings: Sequence[str]) -> list[str]:
     """The bindings without those that nothing reads on top of these files."""
     register()
-    found = _read_names(files, bindings, ())
+    found = _used(*_parsed(files, bindings, ()))
     names = {x: binding.stated_names(x) for x in bindings}
     return [x for x in bindings if names[x] & found or not names[x]]
 
@@ -171,31 +172,38 @@ def register() -> None:
 
 
 def _without_effect(
-    files: Sequence[str], bindings: Sequence[str], base: Sequence[str]
+    files: Sequence[str],
+    bindings: Sequence[str],
+    base: Sequence[str],
+    found: frozenset[str],
 ) -> Iterator[tuple[str, str]]:
     """The names bound on the command line or by its files themselves that nothing
-    reads, each with its file.
+    reads, each with its file; ``found`` are those that are read.
 
     What a file includes may hold more than is read. What comes after a file may
     choose another field or enhancement, as long as something of the file is left.
     """
-    found = _read_names(files, bindings, base)
     for number, file in enumerate(files, start=1):
         stated = binding.stated_names(Path(file).read_text(encoding="utf-8"))
         left = bool(stated & found)
-        at_the_file = _read_names(files[:number], (), base) if left else found
+        alone = (files[:number], (), base)
+        at_the_file = _used(*_parsed(*alone)) if left else found
         yield from ((name, file) for name in sorted(stated - at_the_file))
     stated = binding.stated_names("\n".join(bindings))
     yield from ((name, "") for name in sorted(stated - found))
 
 
-def _read_names(
+def _parsed(
     files: Sequence[str], bindings: Sequence[str], base: Sequence[str]
-) -> frozenset[str]:
-    """The names of all bindings that the configuration reads."""
-    config, names = binding.parsed(
+) -> tuple[Config, frozenset[str]]:
+    """The configuration, and the names of all bindings that making it read."""
+    return binding.parsed(
         files, bindings, base, lambda: (Config(), binding.read_names())
     )
+
+
+def _used(config: Config, names: frozenset[str]) -> frozenset[str]:
+    """Of the names that a configuration read, those that change something."""
     return names - {
         name for x in _SOMETIMES if not x.holds(config) for name in x.names.split()
     }

@@ -14,6 +14,7 @@ from internal.enhancements.metering import (
     MOST_STOPS,
     developed,
     first_exposure,
+    largest_channel,
     load_prior,
 )
 from internal.enhancements.tone import response
@@ -61,7 +62,7 @@ def test_the_mean_is_that_of_the_developed_pixels():
 
 def test_the_first_exposure_brings_the_largest_channel_to_the_middle():
     light = scene() / 16
-    stops, shape = first_exposure(light, 1.2, 2.0)
+    stops, shape = first_exposure(*largest_channel(light), 1.2, 2.0)
     lit = developed(light.max(axis=-1), stops, 1.2, 2.0)
     assert lit.mean() == pytest.approx(metering.MIDDLE, abs=1e-6)
     assert np.all(np.diff(shape) >= 0)

@@ -25,9 +25,7 @@ from jaxtyping import Float, Int
 from internal.color import photo_to_linear
 
 MIDDLE = 0.5  # sRGB mean of the developed largest channel at the first exposure
-NORMAL = (
-    0.58  # that mean where nothing else is known; over normal photos it varies least
-)
+NORMAL = 0.58  # that mean where nothing else is known: it varies least over photos
 NORMAL_SHARE = 1 / 3  # of the exposure that brings it about, in the result
 PERCENTILES = (50.0, 75.0, 90.0, 95.0, 98.0, 99.5, 99.9)  # of the largest channel
 FLOOR = 0.25 / 255 / 12.92  # a quarter of a level: the least light that is told apart
@@ -87,21 +85,31 @@ def meter(dark_srgb: Pixels, prior: Prior) -> Exposure:
     """
     linear_rgb = photo_to_linear(dark_srgb)
     curve = prior.contrast, prior.shoulder
-    first, shape = first_exposure(linear_rgb, *curve)
-    learned = first + correction(shape, prior)
-    normal = exposure_to_mean(*largest_channel(linear_rgb), NORMAL, *curve)
-    blended = learned + NORMAL_SHARE * (normal - learned)
-    stops = float(np.clip(blended, -MOST_STOPS, MOST_STOPS))
+    light, counts = largest_channel(linear_rgb)
+    first, shape = first_exposure(light, counts, *curve)
+    normal = exposure_to_mean(light, counts, NORMAL, *curve)
+    stops = float(blended(first + correction(shape, prior), normal))
+    stops = float(np.clip(stops, -MOST_STOPS, MOST_STOPS))
     lit = developed(linear_rgb, stops, *curve)
     return Exposure(stops, float(np.mean(lit)))
 
 
+def blended(
+    learned: float | np.floating | Float[np.ndarray, "*b"],
+    normal: float | Float[np.ndarray, "*b"],
+) -> float | np.floating | Float[np.ndarray, "*b"]:
+    """Stops from what the regression says and what brings the mean to ``NORMAL``."""
+    return learned + NORMAL_SHARE * (normal - learned)
+
+
 def first_exposure(
-    linear_rgb: Pixels, contrast: float, shoulder: float
+    light: Float[np.ndarray, " levels"],
+    counts: Int[np.ndarray, " levels"],
+    contrast: float,
+    shoulder: float,
 ) -> tuple[float, Float[np.ndarray, " features"]]:
-    """Stops that bring the mean of the developed largest channel to ``MIDDLE``, and
+    """Stops that bring the mean of the developed ``largest_channel`` to ``MIDDLE``, and
     the log2 of its percentiles at that exposure: the shape, whatever the level."""
-    light, counts = largest_channel(linear_rgb)
     stops = exposure_to_mean(light, counts, MIDDLE, contrast, shoulder)
     percentiles = np.percentile(np.repeat(light, counts), PERCENTILES)
     return stops, np.log2(percentiles) + stops

@@ -17,8 +17,9 @@ from scipy import ndimage
 
 from internal import poses
 from internal.cameras import Cameras, Lens
+from internal.configs import ModelConfig
 from internal.coord import ForwardFacing, Unbounded
-from internal.rendering.pictures import Picture
+from internal.rendering.pictures import Picture, outputs_of
 from internal.rendering.surfaces import is_background, surface_points
 from internal.scene import colmap
 from internal.scene.noise import NODES, Noise, expectation
@@ -130,12 +131,20 @@ class Witnesses:
         return Evidence(photos, levels, levels * np.sqrt(photos) / noise)
 
 
-def witness_cameras(scene: Scene) -> list[tuple[Lens, Cameras]]:
-    """Each view's lens and camera, in the size in which its photo is asked."""
-    lenses = [shrink(lens, WITNESS_PIXELS) for lens in scene.lenses]
-    poses_of_views = np.asarray(scene.cameras.camtoworlds)
-    pairs = zip(lenses, poses_of_views, strict=True)
-    return [(lens, posed_cameras([lens], pose[None])) for lens, pose in pairs]
+def explained_outputs(model: ModelConfig) -> dict[str, str]:
+    """``pictures.outputs_of`` a model, and the evidence."""
+    return {**outputs_of(model), EVIDENCE: EVIDENCE_EXPLANATION}
+
+
+def witness_lenses(scene: Scene) -> list[Lens]:
+    """Each view's lens, in the size in which its photo is asked."""
+    return [shrink(lens, WITNESS_PIXELS) for lens in scene.lenses]
+
+
+def witness_cameras(scene: Scene) -> list[Cameras]:
+    """Each view's camera with that lens."""
+    pairs = zip(witness_lenses(scene), scene.cameras.camtoworlds, strict=True)
+    return [posed_cameras([lens], np.asarray(pose)[None]) for lens, pose in pairs]
 
 
 def gather(
@@ -147,25 +156,16 @@ def gather(
         factor: how many pixels of a photo's side are one of the scene's.
     """
     far = poses.scale_of(scene.model_from_world) * scene.far
-    asked = zip(witness_cameras(scene), renderings, strict=True)
-    cameras = tuple(
-        witness(
-            scene.space,
-            far,
-            lens,
-            np.asarray(camera.camtoworlds[0], np.float64),
-            rendering,
-        )
-        for (lens, camera), rendering in asked
-    )
+    camtoworlds = np.asarray(scene.cameras.camtoworlds, np.float64)
+    asked = zip(witness_lenses(scene), camtoworlds, renderings, strict=True)
+    cameras = tuple(witness(scene.space, far, *answer) for answer in asked)
     variance = noise_variance(scene.noise) / factor**2
     return Witnesses(scene.space, far, variance, cameras)
 
 
 def call_witnesses(scene: Scene, factor: int, render: RenderView) -> Witnesses:
     """``gather`` from what ``render`` makes of single cameras."""
-    cameras = [camera for _, camera in witness_cameras(scene)]
-    return gather(scene, factor, [render(camera) for camera in cameras])
+    return gather(scene, factor, [render(x) for x in witness_cameras(scene)])
 
 
 def witness(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Masks: which pixels of a photo count. The others are neither trained nor scored.
+"""Masks: which pixels of a photo count. The others are neither trained nor metered.
 
 A mask is a picture, black where the photo is ignored (``mask_files`` finds it). A
 photo's own alpha is one too: what is not opaque is ignored, but in Blender's scenes,
@@ -24,8 +24,6 @@ Mask = Bool[np.ndarray, "_h _w"]
 ASPECT_TOLERANCE = 0.02  # of pictures that show the same
 OPAQUE = 0.999  # the faintest level of transparency in 8 bits is below
 MOST = 0.5  # of the pixels; more are masked by mistake as often as not
-STRIPE = 4  # pixels
-HATCHING = (0.25, 0.45)  # sRGB of the stripes
 
 
 def load_masks(files: SceneFiles, lenses: Sequence[Lens]) -> tuple[Mask, ...]:
@@ -72,6 +70,8 @@ def everything(width: int, height: int) -> Mask:
 
 def resize_mask(mask: Mask, width: int, height: int) -> Mask:
     """The mask at another size: True where all pixels are that the new one covers."""
+    if mask.all():
+        return everything(width, height)
     for axis, size in enumerate((height, width)):
         old = mask.shape[axis]
         if old != size:
@@ -93,15 +93,6 @@ def blackened(
         return srgb
     hidden = resize_mask(~mask, srgb.shape[1], srgb.shape[0])
     return np.where(hidden[..., None], np.float32(0.0), srgb)
-
-
-def hatched(
-    srgb: Float[np.ndarray, "height width 3"], mask: Bool[np.ndarray, "height width"]
-) -> Float[np.ndarray, "height width 3"]:
-    """The picture with grey stripes where it is ignored, to look at."""
-    y, x = (np.arange(size) for size in mask.shape)
-    stripes = np.array(HATCHING, np.float32)[(y[:, None] + x) // STRIPE % 2]
-    return np.where(mask[..., None], srgb, stripes[..., None])
 
 
 def describe(masks: Sequence[Mask]) -> str:

@@ -5,12 +5,11 @@ A batch is made of patches: a pixel, and for an enhancement with ``neighbors = 2
 ones to its right and below it, each with its own colour; until ``enhance_start``, when
 nothing asks for neighbours yet, of as many single pixels. None of them is masked. The
 pixels of step k follow from the seed and k alone, whatever the number of devices or
-hosts. Pictures lie end to
-end in one flat uint16 array (65535 is 1.0), on the devices (``ResidentPixels``) or,
-when too large or with several processes, on the hosts (``FedPixels``).
+hosts. Pictures lie end to end in one flat uint16 array (65535 is 1.0), on the devices
+(``ResidentPixels``) or, when too large or with several processes, on the hosts
+(``FedPixels``).
 """
 
-import functools
 from collections.abc import Callable, Sequence
 from typing import Protocol, runtime_checkable
 
@@ -100,8 +99,10 @@ def sample_pixels(
     """
     columns, rows = _OFFSETS[neighbors]
     members = (train.batch_size, len(columns))
-    draw = _draw_all if choices is None else functools.partial(_draw_some, choices)
-    apart, corner = draw(key, cameras, members, max(columns), max(rows))
+    if choices is None:
+        apart, corner = _draw_all(key, cameras, members, max(columns), max(rows))
+    else:
+        apart, corner = _draw_some(key, cameras, members, choices)
     together = Pixels(
         view=jnp.broadcast_to(corner.view, members),
         x=corner.x + jnp.array(columns),
@@ -137,12 +138,7 @@ def _draw_all(
 
 
 def _draw_some(
-    choices: Choices,
-    key: PRNGKeyArray,
-    cameras: Cameras,
-    members: tuple[int, int],
-    columns: int,
-    rows: int,
+    key: PRNGKeyArray, cameras: Cameras, members: tuple[int, int], choices: Choices
 ) -> tuple[Pixels, Pixels]:
     """Likewise of what may be drawn."""
     own_key, patch_key = jax.random.split(key)

@@ -50,7 +50,7 @@ class Inquiry:
         return None
 
     def _ask(self, trained: "Trained", say: Callable[[str], None]) -> None:
-        cameras = [c for _, c in evidence.witness_cameras(self._studio.scene)]
+        cameras = evidence.witness_cameras(self._studio.scene)
         answers: list[Rendering | LitRendering] = []
 
         def hear(rendering: Rendering | LitRendering) -> None:

@@ -13,8 +13,8 @@ from internal.cameras import Cameras
 from internal.configs import Config
 from internal.enhancements.look import NEUTRAL, LightEdit, Look
 from internal.models import Model
-from internal.rendering.evidence import EVIDENCE, EVIDENCE_EXPLANATION
-from internal.rendering.pictures import Display, display_for, outputs_of
+from internal.rendering.evidence import explained_outputs
+from internal.rendering.pictures import Display, display_for
 from internal.rendering.renderer import Renderer
 from internal.scene.scene import Scene
 from internal.structs import LitRendering, Params, Rendering
@@ -55,7 +55,7 @@ class Studio:
         self.final_speed = Speedometer(FIRST_GUESS_OF_SPEED)
         model, state = load_trained(config, self._mesh)
         chunk = min(config.render.chunk, LARGEST_CHUNK)
-        self.outputs = {**outputs_of(config.model), EVIDENCE: EVIDENCE_EXPLANATION}
+        self.outputs = explained_outputs(config.model)
         self.inquiry = Inquiry(self, config.factor)
         view = scene.cameras, scene.space, self._mesh, chunk
         self._renderer = Renderer(model, *view)
