@@ -393,6 +393,12 @@ class TestTransforms:
             read(tmp_path)
 
 
+def spoiled(rows: np.ndarray, place: tuple[int, int], value: float) -> np.ndarray:
+    changed = rows.copy()
+    changed[place] = value
+    return changed
+
+
 class TestLlff:
     def test_lens_is_at_the_stated_size_and_bounds_are_per_view(self, tmp_path):
         rows = llff_rows(WORLD, (2.0, 7.0))
@@ -414,8 +420,8 @@ class TestLlff:
         ("spoil", "message"),
         [
             (lambda rows: rows[:, :15], r"shape \(6, 15\); expected \(views, 17\)"),
-            (lambda rows: np.where(np.arange(17) == 4, -1.0, rows), "row 0"),
-            (lambda rows: np.where(np.arange(17) == 16, np.nan, rows), "row 0"),
+            (lambda rows: spoiled(rows, (3, 4), -1.0), "row 3"),
+            (lambda rows: spoiled(rows, (5, 16), np.nan), "row 5"),
         ],
     )
     def test_broken_rows_are_refused(self, tmp_path, spoil, message):
