@@ -48,6 +48,7 @@ def load_split(config: Config, split: str) -> Scene:
         dataset_loader=config.dataset_loader,
         factor=config.factor,
         images_dir=config.images_dir,
+        pair_by=config.pair_by,
         gt_dir=config.gt_dir,
         near=config.near,
         far=config.far,

@@ -98,6 +98,7 @@ def load_scene(
     dataset_loader: str = "auto",
     factor: int = 1,
     images_dir: str = "",
+    pair_by: str = "name",
     gt_dir: str = "",
     near: float = 0.0,
     far: float = 0.0,
@@ -120,6 +121,8 @@ def load_scene(
         factor: pictures shrink by it, by area average of their sRGB values.
         images_dir: folder in ``data_dir`` to take the input pictures from instead
             of the one the pose file states.
+        pair_by: how those pictures may find their poses: "name"; "number", also by
+            the one number in their names; "order", also by order.
         gt_dir: folder of normal-light truth, absolute or in ``data_dir``; "" looks
             beside the dark pictures (``pairing.TRUTH_FOLDERS``).
         near: depth before which there is nothing, in the pose file's units; 0 takes
@@ -143,7 +146,7 @@ def load_scene(
     """
     if split not in SPLITS:
         raise UserError(f"unknown split {split!r}; choose {' or '.join(SPLITS)}")
-    files = readers.read_files(data_dir, dataset_loader, images_dir)
+    files = readers.read_files(data_dir, dataset_loader, images_dir, pair_by)
     check_poses(files)
     check_lenses(files)
     lenses = fit_lenses(files, factor)

@@ -38,10 +38,11 @@ class SceneFiles:
 
 @dataclasses.dataclass(frozen=True)
 class Reader:
-    """One scene format. ``read`` takes the scene's folder and the name of the
-    folder in it to take pictures from ("" for the one the format states)."""
+    """One scene format. ``read`` takes the scene's folder, the name of the folder in
+    it to take pictures from ("" for the one the format states), and how these may
+    find their poses (of ``pairing.PAIR_BY``)."""
 
     name: str
     looked_for: str  # what makes a folder a scene of this format, for messages
     matches: Callable[[Path], bool]
-    read: Callable[[Path, str], SceneFiles]
+    read: Callable[[Path, str, str], SceneFiles]

@@ -33,7 +33,7 @@ from internal.files import image_io
 from internal.files.listing import composed, find_file, is_metadata
 from internal.scene import colmap
 from internal.scene.mask_files import find_masks
-from internal.scene.pairing import dark_twin, pair_by_name
+from internal.scene.pairing import dark_twin, pair_poses
 from internal.scene.readers.base import Reader, SceneFiles
 
 SPLIT_FILE = "transforms_{}.json"
@@ -69,7 +69,7 @@ def _matches_nerfstudio(data_dir: Path) -> bool:
     return (data_dir / SINGLE_FILE).is_file()
 
 
-def read_blender(data_dir: Path, images_dir: str) -> SceneFiles:
+def read_blender(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles:
     """Reads one JSON file per split.
 
     Raises:
@@ -80,10 +80,10 @@ def read_blender(data_dir: Path, images_dir: str) -> SceneFiles:
     frames = _read_frames(paths["train"], is_test=False)
     if held_out:
         frames += _read_frames(paths[held_out], is_test=True)
-    return _scene_files(BLENDER.name, data_dir, images_dir, frames)
+    return _scene_files(BLENDER.name, data_dir, images_dir, pair_by, frames)
 
 
-def read_nerfstudio(data_dir: Path, images_dir: str) -> SceneFiles:
+def read_nerfstudio(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles:
     """Reads one JSON file for all views.
 
     Raises:
@@ -108,7 +108,7 @@ def read_nerfstudio(data_dir: Path, images_dir: str) -> SceneFiles:
             f"{data_dir / SINGLE_FILE}: train_filenames and test_filenames name no "
             "file_path of its frames; write them alike"
         )
-    return _scene_files(NERFSTUDIO.name, data_dir, images_dir, frames)
+    return _scene_files(NERFSTUDIO.name, data_dir, images_dir, pair_by, frames)
 
 
 def _read_frames(path: Path, is_test: bool) -> list[_Frame]:
@@ -157,7 +157,11 @@ def locate(folder: Path, listed: str) -> Path:
 
 
 def _scene_files(
-    name: str, data_dir: Path, images_dir: str, frames: Sequence[_Frame]
+    name: str,
+    data_dir: Path,
+    images_dir: str,
+    pair_by: str,
+    frames: Sequence[_Frame],
 ) -> SceneFiles:
     if not images_dir:
         frames = _with_pictures(frames)
@@ -167,11 +171,14 @@ def _scene_files(
         ]
     # A picture listed for training and for testing is held out: the last one wins.
     unique = {frame.image_path: frame for frame in frames}
+    _check_repeated(unique, frames)
     by_name = dict(sorted(zip(_names(unique, data_dir), unique.values(), strict=True)))
     names = tuple(by_name)
     image_paths = tuple(frame.image_path for frame in by_name.values())
     if images_dir:
-        image_paths, _ = pair_by_name(names, data_dir / images_dir)
+        chosen = data_dir / images_dir
+        paths = pair_poses(names, chosen, pair_by, frames[0].json_path)
+        image_paths = tuple(paths[name] for name in names)
     camtoworlds = np.stack([_camtoworld(frame) for frame in by_name.values()])
     test_names = frozenset(n for n, frame in by_name.items() if frame.is_test)
     lenses = tuple(_lens(frame) for frame in by_name.values())
@@ -189,6 +196,19 @@ def _scene_files(
         upright=_means_upright(image_paths, lenses),
         transparent_is_black=name == BLENDER.name,
     )
+
+
+def _check_repeated(unique: Mapping[Path, _Frame], frames: Sequence[_Frame]) -> None:
+    """Refuses a picture that is listed twice with two poses."""
+    for frame in frames:
+        last = unique[frame.image_path]
+        if last is frame:
+            continue
+        if not np.allclose(_camtoworld(last), _camtoworld(frame)):
+            raise UserError(
+                f"{frame.json_path}: {frame.image_path} is listed with two different "
+                "poses; remove the wrong one"
+            )
 
 
 def _means_upright(paths: Sequence[Path], lenses: Sequence[Lens]) -> bool:
@@ -296,6 +316,13 @@ def _alike(frame: _Frame) -> Path | None:
         and other.is_file()
         and not is_metadata(other)
     )
+    named = composed(path.name).casefold()
+    alike = [other for other in alike if other.name.casefold() == named] or alike
+    if len(alike) > 1:
+        raise UserError(
+            f"{path}: not there, and {alike[0].name} and {alike[1].name} could both be "
+            f"meant; write its ending into {frame.json_path}"
+        )
     return alike[0] if alike else None
 
 
