@@ -28,11 +28,12 @@ class SceneFiles:
     image_paths: tuple[Path, ...]  # dark input pictures
     lenses: tuple[Lens, ...]  # at the size the pose file states
     camtoworlds: Float[np.ndarray, "n 3 4"]  # OpenGL
-    points: Float[np.ndarray, "m 3"]  # sparse points in the same frame; m may be 0
+    points: Float[np.ndarray, "m 3"]  # points in the same frame; m may be 0
     bounds: Float[np.ndarray, "b 2"]  # near, far along the axis: b is 0, 1 or n
     test_names: frozenset[str] | None  # None: the files state no split
     mask_paths: tuple[Path | None, ...]  # None: no file masks the view
     upright: bool = True  # poses mean photos turned by EXIF, else pixels as stored
+    points_source: str = "sparse points"  # what the points are, for messages
     transparent_is_black: bool = False  # else what a photo has transparent is masked
 
 

@@ -9,9 +9,9 @@ synthetic scenes, LOM, RealX3D). ``val`` is read only where there is no ``test``
 Both: OpenGL camera-to-world matrices; intrinsics in pixels of the stated ``w`` by
 ``h``, global or per frame, or ``camera_angle_x`` alone; ``near`` and ``far`` as
 optional depths; ``mask_path`` per frame. A picture listed in a normal-light folder
-stands for its dark twin. Sparse points come from a COLMAP model beside the file, moved
-by the similarity that takes its camera centres to the JSON's; so files that state an
-``applied_transform`` need no special case.
+stands for its dark twin. Points are those of ``ply_file_path``, in the JSON's frame;
+else those of a COLMAP model beside the file, moved by the similarity that takes its
+camera centres to the JSON's: an ``applied_transform`` needs no special case.
 """
 
 import dataclasses
@@ -28,8 +28,8 @@ from jaxtyping import Float
 
 from internal import poses
 from internal.cameras import Lens
-from internal.errors import UserError
-from internal.files import image_io
+from internal.errors import UserError, one_line
+from internal.files import image_io, ply
 from internal.files.listing import composed, find_file, is_metadata
 from internal.scene import colmap
 from internal.scene.mask_files import find_masks
@@ -39,6 +39,7 @@ from internal.scene.readers.base import Reader, SceneFiles
 SPLIT_FILE = "transforms_{}.json"
 SINGLE_FILE = "transforms.json"
 LARGEST_NUMBER = 1e9  # of pixels or depths; also finite
+MOST_POINTS = 200_000  # of a dense cloud, evenly chosen
 WORST_FIT = 0.01  # of the spread of the camera centres
 WORST_AXES = 0.05  # between unit vectors: 3 degrees
 PERSPECTIVE_TERMS = ("k1", "k2", "p1", "p2")
@@ -180,6 +181,7 @@ def _scene_files(
         paths = pair_poses(names, chosen, pair_by, frames[0].json_path)
         image_paths = tuple(paths[name] for name in names)
     camtoworlds = np.stack([_camtoworld(frame) for frame in by_name.values()])
+    points, points_source = _points(data_dir, frames, names, camtoworlds)
     test_names = frozenset(n for n, frame in by_name.items() if frame.is_test)
     lenses = tuple(_lens(frame) for frame in by_name.values())
     return SceneFiles(
@@ -189,11 +191,12 @@ def _scene_files(
         image_paths=image_paths,
         lenses=lenses,
         camtoworlds=camtoworlds,
-        points=_sparse_points(data_dir, names, camtoworlds),
+        points=points,
         bounds=_bounds(frames),
         test_names=test_names or None,
         mask_paths=_masks(data_dir, tuple(by_name.values())),
         upright=_means_upright(image_paths, lenses),
+        points_source=points_source,
         transparent_is_black=name == BLENDER.name,
     )
 
@@ -424,6 +427,31 @@ def _bounds(frames: Sequence[_Frame]) -> Float[np.ndarray, "b 2"]:
     if not all({"near", "far"} <= frame.values.keys() for frame in frames):
         return np.empty((0, 2))
     return np.array([[_number(f, key, 0.0) for key in ("near", "far")] for f in frames])
+
+
+def _points(
+    data_dir: Path,
+    frames: Sequence[_Frame],
+    names: Sequence[str],
+    camtoworlds: Float[np.ndarray, "n 3 4"],
+) -> tuple[Float[np.ndarray, "m 3"], str]:
+    """Points in the JSON's frame, and what they are. A cloud that cannot be read is
+    named and done without: points only say how deep the scene is."""
+    listed = {frame.values.get("ply_file_path"): frame.json_path for frame in frames}
+    for name, json_path in listed.items():
+        if not isinstance(name, str) or not name:
+            continue
+        path = find_file(locate(json_path.parent, name))
+        try:
+            rows = ply.read(path)
+            points = np.stack([rows[axis] for axis in "xyz"], -1).astype(np.float64)
+        except (UserError, ValueError) as error:
+            print(f"WARNING: {json_path}: ply_file_path not used: {one_line(error)}")
+            continue
+        points = points[np.isfinite(points).all(axis=-1)]
+        every = -(-len(points) // MOST_POINTS) or 1
+        return points[::every], f"points of {path.name}"
+    return _sparse_points(data_dir, names, camtoworlds), "sparse points"
 
 
 def _sparse_points(
