@@ -163,6 +163,8 @@ def do(out: Path, job: Job, gin_bindings: Sequence[str]) -> int:
     images = job.photos
     if images in ENHANCERS:
         images = str(_enhanced_photos(out, job, configs.load_config([], bindings)))
+    elif images:  # enhancers call 1.JPG enh_1.png; what the user binds still wins
+        bindings.insert(0, "Config.pair_by = 'number'")
     if images:
         bindings.append(f"Config.images_dir = {images!r}")
     if job.train:
