@@ -191,18 +191,18 @@ def test_a_mask_of_which_all_counts_is_no_mask():
 
 
 def test_scores_under_a_mask_are_those_of_the_rest():
-    prediction, truth = _picture(0, 60, 64), _picture(1, 60, 64)
-    mask = np.ones((60, 64), bool)
-    mask[:20] = False
+    prediction, truth = _picture(0, 96, 64), _picture(1, 96, 64)
+    mask = np.ones((96, 64), bool)
+    mask[:56] = False
     found = metrics.score(prediction, truth, mask)
-    alone = metrics.score(prediction[20:], truth[20:])
+    alone = metrics.score(prediction[56:], truth[56:])
     for name in set(found) - {"ssim", "lpips"}:
         assert found[name] == pytest.approx(alone[name]), name
     if lpips.available():  # looks at what lies beside a pixel: the edge differs a bit
         assert found["lpips"] == pytest.approx(alone["lpips"], rel=0.25)
     np.testing.assert_allclose(
-        baselines.gain_to_mean(prediction, 0.4, mask)[20:],
-        baselines.gain_to_mean(prediction[20:], 0.4),
+        baselines.gain_to_mean(prediction, 0.4, mask)[56:],
+        baselines.gain_to_mean(prediction[56:], 0.4),
         atol=1e-5,
     )
 
