@@ -44,7 +44,7 @@ from internal.scene.loading import (
     load_picture,
     load_truth,
 )
-from internal.scene.masks import Mask, everything, load_masks, report
+from internal.scene.masks import Mask, everything, load_masks, masked_share, report
 from internal.scene.noise import Noise, noise_of_files
 from internal.scene.readers.base import SceneFiles
 
@@ -86,11 +86,17 @@ class Scene:
         image = self.images[view]
         return image[self.masks[view]] if self.masks else np.reshape(image, (-1, 3))
 
+    @property
+    def masked(self) -> dict[str, float]:
+        """The masked part, 0 to 1, of each view of which anything is masked."""
+        named = zip(self.view_names, self.masks, strict=False)
+        return {name: masked_share([mask]) for name, mask in named if not mask.all()}
+
     @functools.cached_property
     def brightness(self) -> float:
         """Mean of the pictures, sRGB in [0, 1]."""
-        views = range(len(self.images))
-        return float(np.mean([self.pixels(v).mean() for v in views])) / UINT16_ONE
+        seen = [self.pixels(v) for v in range(len(self.images)) if self.mask(v).any()]
+        return float(np.mean([pixels.mean() for pixels in seen])) / UINT16_ONE
 
     @functools.cached_property
     def noise(self) -> Noise:
@@ -179,7 +185,7 @@ def load_scene(
     own_photos = photo_gains and not images_dir
     unrounds = unrounded and split == "train"
     gains = load_gains(data_dir, files.image_paths, own_photos)
-    masks = load_masks(files, lenses)
+    masks = load_masks(files, lenses, is_test)
 
     views = np.flatnonzero(is_test == (split == "test"))
     if len(views) == 0:
