@@ -39,7 +39,7 @@ from internal.scene.scene import SPLITS, load_scene
 from internal.training.checkpoints import load_trained
 from tests import scene_writers as writers
 
-SECONDS = 30.0  # a scene of six tiny photos loads in a few hundredths of one
+SECONDS = 60.0  # a scene of six tiny photos loads in a few hundredths of one
 TINY = (
     *("Train.max_steps = 4", "Train.enhance_start = 2", "Train.checkpoint_every = 2"),
     *("Train.batch_size = 8", "Model.num_samples = (4, 4)", "MLP.depth = 2"),

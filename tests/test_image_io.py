@@ -6,6 +6,7 @@ import zlib
 
 import numpy as np
 import OpenImageIO as oiio
+import PIL.Image
 import pytest
 from PIL import Image
 
@@ -292,3 +293,9 @@ def test_without_the_extra_a_heic_says_what_to_install(tmp_path, monkeypatch):
     for read in (image_io.read_srgb, image_io.read_size):
         with pytest.raises(UserError, match=r"a\.heic: HEIC.*'\.\[heif\]'"):
             read(path)
+
+
+def test_a_gif_is_read_whatever_index_the_library_states_of_its_alpha(tmp_path):
+    PIL.Image.new("RGB", (8, 6), (51, 51, 51)).save(tmp_path / "a.gif")
+    read = image_io.read_srgb(tmp_path / "a.gif")
+    np.testing.assert_allclose(read, 51 / 255, atol=1e-6)

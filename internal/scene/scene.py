@@ -43,6 +43,7 @@ from internal.scene.loading import (
     load_gains,
     load_picture,
     load_truth,
+    warn_of_one_place,
 )
 from internal.scene.masks import Mask, everything, load_masks, masked_share, report
 from internal.scene.noise import Noise, noise_of_files
@@ -165,6 +166,7 @@ def load_scene(
     files = readers.read_files(data_dir, dataset_loader, images_dir, pair_by)
     check_poses(files)
     check_lenses(files)
+    warn_of_one_place(files)
     lenses = fit_lenses(files, factor)
     is_test = held_out(files, holdout)
     trained = int((~is_test).sum())
@@ -239,6 +241,11 @@ def load_scene(
     )
     _report(scene, files, is_test, bounds, frame, truth)
     report(masks)
+    if scene.brightness == 0.0:
+        raise UserError(
+            f"{scene.image_paths[0].parent}: all {len(scene.images)} photos are black, "
+            "without a pixel above 0: there is no light to bring out"
+        )
     if not images_dir:  # else the user chose, and LLE + NeRF chooses bright photos
         _warn_of_normal_light(scene)
     return scene
