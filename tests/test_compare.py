@@ -10,7 +10,8 @@ import pytest
 
 import compare as compare_script
 import figures as figures_script
-from internal.comparison import enhancers, jobs, lime, scored_run
+from internal import extras
+from internal.comparison import jobs, lime, scored_run
 from internal.comparison.jobs import Job
 from internal.errors import UserError
 from internal.files import image_io
@@ -34,7 +35,7 @@ train = ["tiny.gin"]
 output = "enhanced"
 """
 needs_opencv = pytest.mark.skipif(
-    not enhancers.available(), reason="the extra enhance2d is not installed"
+    not extras.has("cv2"), reason="the extra enhance2d is not installed"
 )
 
 
