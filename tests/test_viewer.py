@@ -42,7 +42,8 @@ from internal.viewer.jobs import Job, Speedometer, Task
 from internal.viewer.server import Server
 from internal.viewer.session import Session
 from internal.viewer.sharing import Turns
-from internal.viewer.studio import Studio, Trained, with_fewer_samples
+from internal.viewer.studio import Studio, with_fewer_samples
+from internal.viewer.trained import Trained
 from internal.viewer.white_point import make_gray
 from tests.browser import until
 from tests.scene_writers import facing_world, write_blender

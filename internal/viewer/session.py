@@ -30,7 +30,8 @@ from internal.viewer.canvas import PHOTO, Choice, draw, photo_through
 from internal.viewer.free_camera import COARSE_PIXELS, PIXELS, FreeCamera, single_camera
 from internal.viewer.jobs import Job
 from internal.viewer.sharing import Errand
-from internal.viewer.studio import Studio, Trained
+from internal.viewer.studio import Studio
+from internal.viewer.trained import Trained
 from internal.viewer.white_point import make_gray
 
 SECONDS_TO_FIRST_PICTURE = 0.23
