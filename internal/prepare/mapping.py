@@ -6,7 +6,7 @@ coordinates are COLMAP's inside this module; poses that leave it are OpenGL.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +89,15 @@ def map_globally(database: Path, work: Path, views: int) -> list[Model]:
     )
     with room(work, views * MAX_FEATURES * BYTES_PER_FEATURE):
         return _by_size(pycolmap.global_mapping(database, work, _output(work), options))
+
+
+def without(model: Model, views: Collection[int]) -> Model:
+    """The model without some of its views, and without points that only these saw."""
+    rest = pycolmap.Reconstruction(model.native)
+    for image in list(rest.images.values()):
+        if image.has_pose and view_of(image.name) in views:
+            rest.deregister_frame(image.frame_id)
+    return Model(rest, tuple(view for view in model.views if view not in views))
 
 
 def observations(model: Model) -> Observations:
