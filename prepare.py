@@ -7,8 +7,10 @@ python prepare.py --check SCENE
 
 The first finds the cameras and writes SCENE with SCENE/report/index.html. The same
 command goes on where it was interrupted. --check looks at a scene that has poses, in
-any format that the trainer reads. --reference OTHER_SCENE compares the cameras found
-or checked with those of another scene of the same photos.
+any format that the trainer reads. Photos that are blurred against others of the same
+things are named and left out of the scene, unless --keep-blurred. --reference
+OTHER_SCENE compares the cameras found or checked with those of another scene of the
+same photos.
 Exit code 0: fit to train; 1: not fit; 2: unusable input.
 """
 
@@ -37,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         folder = args.report or args.check / report.FOLDER
         made = check_scene(args.check, folder)
     else:
-        inputs = Inputs(args.photos, args.pose_images, args.gt)
+        inputs = Inputs(args.photos, args.pose_images, args.gt, args.keep_blurred)
         folder = args.scene / report.FOLDER
         made = prepare(inputs, args.scene, overwrite=args.overwrite)
     print(f"{report.as_text(made)}\n{folder / 'index.html'}")

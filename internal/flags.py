@@ -160,6 +160,10 @@ def prepare(text: str | None) -> argparse.ArgumentParser:
         "--gt", type=Path, help="normal-light twins of the photos, for scores"
     )
     parser.add_argument(
+        "--keep-blurred", action="store_true",
+        help="leave no photo out that is blurred against others of the same things",
+    )  # fmt: skip
+    parser.add_argument(
         "--overwrite", action="store_true", help="start again over a scene made before"
     )
     parser.add_argument("--check", type=Path, metavar="SCENE", help="check a scene")

@@ -11,11 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 import prepare as prepare_script
+from internal.color import linear_to_srgb, srgb_to_linear
 from internal.errors import UserError
 from internal.files import image_io
-from internal.prepare import attempts, brighten, mapping
+from internal.prepare import attempts, brighten, mapping, sharpness
 from internal.prepare.pipeline import Inputs, prepare
 from internal.scene import readers
 from internal.scene.pose_comparison import compare
@@ -158,6 +160,34 @@ def test_random_exposures_are_written(tmp_path, only_first_way):
     gains = np.array([content["gains"][f"{view:02}.png"] for view in range(VIEWS)])
     expected = 2.0 ** (stops - stops.mean())
     np.testing.assert_allclose(gains, np.tile(expected, (3, 1)).T, rtol=0.03)
+
+
+def test_a_photo_that_moved_is_named_and_left_out_unless_asked_for(tmp_path, capsys):
+    photos = tmp_path / "photos"
+    write_room(photos, VIEWS)
+    for name, axis in (("02.png", 1), ("05.png", 0)):
+        light = srgb_to_linear(image_io.read_srgb(photos / name))
+        moved = ndimage.uniform_filter1d(np.asarray(light), 9, axis)
+        image_io.write(photos / name, np.asarray(linear_to_srgb(moved)))
+    scene = tmp_path / "scene"
+    assert prepare_script.main([str(photos), str(scene)]) == 0
+    assert (
+        "7 of 7 photos have a pose (2 left out as blurred)" in capsys.readouterr().out
+    )
+    kept = tuple(f"{view:02}.png" for view in (0, 1, 3, 4, 6))
+    assert readers.read_files(scene, "auto", "").names == kept
+    assert readers.read_files(scene, "colmap", "").names == kept
+    assert sorted(path.name for path in (scene / "images").iterdir()) == [*kept]
+    report = json.loads((scene / "report" / "report.json").read_text())
+    assert set(report["left_out"]) == {"02.png", "05.png"}
+    assert min(report["sharpness"][name] for name in kept) > sharpness.BLURRED
+    argv = [str(photos), str(scene), "--keep-blurred"]
+    with pytest.raises(UserError, match="other settings"):
+        prepare_script.main(argv)
+    assert prepare_script.main([*argv, "--overwrite"]) == 0
+    assert len(readers.read_files(scene, "auto", "").names) == VIEWS
+    assert "blurred: 02.png: 0." in (shown := capsys.readouterr().out)
+    assert "kept" in shown and "left out" not in shown
 
 
 def test_check_accepts_right_poses_and_refuses_wrong_ones(scene, tmp_path, capsys):

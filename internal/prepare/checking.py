@@ -15,7 +15,7 @@ from internal import poses, progress
 from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
-from internal.prepare import attempts, exposures, matching, statistics
+from internal.prepare import attempts, exposures, matching, sharpness, statistics
 from internal.prepare.brighten import copy_size
 from internal.prepare.exposures import Exposures
 from internal.prepare.matching import Copy, Pairs
@@ -49,6 +49,11 @@ def check_scene(data_dir: Path, folder: Path) -> Report:
     copies = [_copy(lens) for lens in lenses]
     with tempfile.TemporaryDirectory() as work:
         pixels = _match_neighbours(files, copies, Path(work))
+        relative = sharpness.against_overlapping(
+            lambda v: image_io.read_srgb(Path(work, matching.copy_name(v)))[..., 0],
+            count,
+            pixels,
+        )
     small = [
         colmap.scale_lens(e, c.width, c.height)
         for e, c in zip(lenses, copies, strict=True)
@@ -60,6 +65,8 @@ def check_scene(data_dir: Path, folder: Path) -> Report:
         photos=photos,
         total=count,
         failed=(),
+        sharpness=dict(zip(files.names, relative.tolist(), strict=True)),
+        left_out=(),
         tried=(),
         error=epipolar_error(files.camtoworlds, small, pixels),
         error_kind="median epipolar error",

@@ -6,7 +6,7 @@ coordinates are COLMAP's inside this module; poses that leave it are OpenGL.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -119,6 +119,15 @@ def triangulate(
         )
     points = [found.point3D(number).xyz for number in sorted(found.point3D_ids())]
     return np.array(points, np.float64).reshape(-1, 3)
+
+
+def without(model: Model, views: Collection[int]) -> Model:
+    """The model without some of its views, and without points that only these saw."""
+    rest = pycolmap.Reconstruction(model.native)
+    for image in list(rest.images.values()):
+        if image.has_pose and view_of(image.name) in views:
+            rest.deregister_frame(image.frame_id)
+    return Model(rest, tuple(view for view in model.views if view not in views))
 
 
 def observations(model: Model) -> Observations:

@@ -13,15 +13,24 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
+from scipy import ndimage
 
 from internal import progress
 from internal.errors import UserError
 from internal.files import atomic, image_io, listing
 from internal.files.listing import LeftOut
 from internal.files.made_folder import begin_folder, finish_folder
-from internal.prepare import attempts, exposures, mapping, matching, scene_files
+from internal.prepare import (
+    attempts,
+    exposures,
+    mapping,
+    matching,
+    scene_files,
+    sharpness,
+)
 from internal.prepare.attempts import Attempt
-from internal.prepare.brighten import copy_size
+from internal.prepare.brighten import copy_size, make_copy
 from internal.prepare.exposures import Exposures
 from internal.prepare.matching import Copy
 from internal.prepare.orient import scene_frame
@@ -35,7 +44,7 @@ from internal.scene import colmap, readers
 from internal.scene.loading import ASPECT_TOLERANCE, GAINS_FILE
 from internal.scene.pairing import pair_by_name
 
-CONTENT = 1  # counts changes of what is written; older scenes are refused
+CONTENT = 2  # counts changes of what is written; older scenes are refused
 WORK = "work"
 NOTES = "photos.jsonl"
 BYTES_PER_PIXEL = 1.0  # of a copy's PNG
@@ -43,11 +52,12 @@ BYTES_PER_PIXEL = 1.0  # of a copy's PNG
 
 @dataclasses.dataclass(frozen=True)
 class Inputs:
-    """Where the pictures are."""
+    """Where the pictures are, and which are taken."""
 
     photos: Path  # folder or video
     pose_images: Path | None  # bright twins that poses are estimated from
     truth: Path | None  # normal-light twins, for scores
+    keep_blurred: bool = False  # in the scene
 
 
 def prepare(inputs: Inputs, scene: Path, *, overwrite: bool) -> Report:
@@ -96,7 +106,14 @@ def _prepare(inputs: Inputs, scene: Path) -> Report:
         page = write_report(report, None, scene / FOLDER)
         raise UserError(f"{inputs.photos}: {problem} ({page})")
 
-    model = best.models[0]
+    found_places = matching.matched_pixels(best.database)
+    relative = _sharpness(photos, copies, found_places)
+    views = best.models[0].views
+    left_out = sharpness.find_harmful(relative, found_places, views)
+    if inputs.keep_blurred:
+        left_out = []
+    model = mapping.without(best.models[0], left_out)
+    best = dataclasses.replace(best, models=(model,))
     placed = [photos[view] for view in model.views]
     for view in progress.track(model.views, len(placed), "copying", "photo"):
         scene_files.place_photo(photos[view], scene)
@@ -116,9 +133,11 @@ def _prepare(inputs: Inputs, scene: Path) -> Report:
     report, pictured = summarize(
         readers.read_files(scene, "auto", ""),
         source=inputs.photos.name,
-        photos=[photo.statistics for photo in photos],
+        photos=[p.statistics for v, p in enumerate(photos) if v not in left_out],
         total=len(found.photos) + len(found.rejected),
         failed=failed,
+        sharpness={photos[v].name: float(relative[v]) for v in views},
+        left_out=tuple(photos[v].name for v in left_out),
         tried=tuple(map(_tried, tried)),
         error=best.error,
         error_kind="mean reprojection error",
@@ -140,6 +159,7 @@ def _settings(inputs: Inputs) -> dict[str, str | int]:
         "truth": inputs.truth,
     }
     settings: dict[str, str | int] = {"content": CONTENT}
+    settings["keep_blurred"] = int(inputs.keep_blurred)
     for name, path in paths.items():
         settings[name] = str(path.resolve()) if path else ""
         settings[f"files of {name}"] = _fingerprint(path) if path else ""
@@ -237,6 +257,20 @@ def _problem(photos: Sequence[Photo], best: Attempt) -> str:
             f"{other} show nothing in common; prepare them from two folders"
         )
     return ""
+
+
+def _sharpness(
+    photos: Sequence[Photo], copies: Sequence[Copy], pixels: sharpness.PixelPairs
+) -> Float[np.ndarray, " views"]:
+    """Of the photos themselves, where poses come from bright twins, too."""
+
+    def read_copy(view: int) -> Float[np.ndarray, "height width"]:
+        copy = make_copy(read_photo(photos[view].path), attempts.WAYS[0].recipe)
+        height, width = copy.shape[:2]
+        size = copies[view].height / height, copies[view].width / width
+        return np.asarray(ndimage.zoom(copy[..., 0], size, order=1))
+
+    return sharpness.against_overlapping(read_copy, len(photos), pixels)
 
 
 def _estimate_exposures(

@@ -14,6 +14,7 @@ from internal.files.listing import LeftOut
 from internal.pages import pages
 from internal.pages.pages import Section, Table
 from internal.prepare import plots
+from internal.prepare.sharpness import BLURRED
 
 FOLDER = "report"
 
@@ -37,6 +38,8 @@ class Report:
     photos: int
     registered: int
     failed: tuple[LeftOut, ...]  # photos without a pose, and why
+    sharpness: dict[str, float]  # of photos with a pose: 1 for one like the others
+    left_out: tuple[str, ...]  # photos with a pose that the scene is better without
     tried: tuple[Tried, ...]
     error: float  # pixels of the copies
     error_kind: str  # what the error is between
@@ -52,6 +55,22 @@ class Report:
     truth: str
     warnings: tuple[str, ...]
     next_command: str
+
+    @property
+    def blurred(self) -> tuple[tuple[str, str, str], ...]:
+        """Photo, sharpness, and what was done, the most blurred first."""
+        return tuple(
+            (name, f"{sharp:.2f}", "left out" if name in self.left_out else "kept")
+            for name, sharp in sorted(self.sharpness.items(), key=lambda item: item[1])
+            if sharp < BLURRED
+        )
+
+    @property
+    def posed(self) -> str:
+        """How many photos have a pose, in words."""
+        some = self.registered + len(self.left_out)
+        rest = f" ({len(self.left_out)} left out as blurred)" if self.left_out else ""
+        return f"{some} of {self.photos} photos have a pose{rest}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,10 +106,17 @@ def write_report(report: Report, pictured: Pictured | None, folder: Path) -> Pat
         rows = tuple((rejected.name, rejected.reason) for rejected in report.failed)
         text = "These files are not in the scene."
         sections.append(Table("Without a pose", text, ("file", "why"), rows))
+    if report.blurred:
+        text = (
+            "Against photos of the same things, which have 1. What is left out is not "
+            "in the scene; --keep-blurred keeps it."
+        )
+        headers = ("file", "sharpness", "in the scene")
+        sections.append(Table("Blurred", text, headers, report.blurred))
     verdict = "fit to train" if report.fit else "not fit to train"
     return pages.write_index(
         folder,
-        f"{report.registered} of {report.photos} photos have a pose: {verdict}",
+        f"{report.posed}: {verdict}",
         f"From {report.source}. Next: {report.next_command}",
         sections,
     )
@@ -107,6 +133,7 @@ def read_report(folder: Path) -> Report:
         content = json.loads(path.read_text())
         content["failed"] = tuple(LeftOut(**entry) for entry in content["failed"])
         content["tried"] = tuple(Tried(**entry) for entry in content["tried"])
+        content["left_out"] = tuple(content["left_out"])
         content["warnings"] = tuple(content["warnings"])
         return Report(**content)
     except (OSError, ValueError, TypeError, KeyError) as error:
@@ -118,13 +145,16 @@ def read_report(folder: Path) -> Report:
 def as_text(report: Report) -> str:
     """What matters of a report, in lines for a terminal."""
     lines = [
-        f"{report.registered} of {report.photos} photos have a pose, "
-        f"{report.error_kind} {report.error:.2f} pixels, {report.points} points, "
-        f"near {report.near:.3g}, far {report.far:.3g}",
+        f"{report.posed}, {report.error_kind} {report.error:.2f} pixels, "
+        f"{report.points} points, near {report.near:.3g}, far {report.far:.3g}",
         f"light: mean {report.mean_level:.1f} of 255, noise {report.noise:.2f} levels, "
         f"{report.used_levels:.0f} levels in use, exposures within "
         f"{report.exposure_stops:.2f} stops",
         *(f"no pose: {failed.name}: {failed.reason}" for failed in report.failed),
+        *(
+            f"blurred: {name}: {sharp} as sharp as photos of the same things, {done}"
+            for name, sharp, done in report.blurred
+        ),
         *(f"warning: {warning}" for warning in report.warnings),
         "fit to train" if report.fit else "NOT fit to train",
     ]
@@ -152,7 +182,7 @@ def _advice(report: Report) -> Table:
 def _numbers(report: Report) -> Table:
     rows = (
         ("photos", f"{report.photos}"),
-        ("with a pose", f"{report.registered}"),
+        ("with a pose, in the scene", f"{report.registered}"),
         (f"{report.error_kind} (pixels)", f"{report.error:.3f}"),
         ("sparse points", f"{report.points}"),
         ("cameras seen from the scene (degrees)", f"{report.angle:.1f}"),

@@ -31,6 +31,8 @@ def summarize(
     photos: Sequence[PhotoStatistics],
     total: int,
     failed: tuple[LeftOut, ...],
+    sharpness: dict[str, float],
+    left_out: tuple[str, ...],
     tried: tuple[Tried, ...],
     error: float,
     error_kind: str,
@@ -42,7 +44,8 @@ def summarize(
 
     Args:
         files: the scene as the trainer will read it.
-        photos: statistics of the usable ones.
+        photos: statistics of the usable ones that are not left out.
+        sharpness: of photos with a pose, NaN where unknown.
         total: number of files that should have been photos.
         error: in pixels of the copies; ``error_kind`` says between what.
     """
@@ -63,6 +66,8 @@ def summarize(
         photos=total,
         registered=geometry.registered,
         failed=failed,
+        sharpness={n: s for n, s in sharpness.items() if np.isfinite(s)},
+        left_out=left_out,
         tried=tried,
         error=geometry.error,
         error_kind=error_kind,
@@ -93,6 +98,8 @@ def summarize_failure(
         photos=len(found.photos) + len(found.rejected),
         registered=tried[0].registered,
         failed=failed,
+        sharpness={},
+        left_out=(),
         tried=tried,
         error=tried[0].reprojection_error,
         error_kind="mean reprojection error",
