@@ -12,7 +12,7 @@ $(READY): pyproject.toml
 	  { echo "error: $(PYTHON) is older than 3.11; use make PYTHON=/path/to/python3.11"; exit 2; }
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[video,raw,heif,metrics,enhance2d,view,export,dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[video,raw,heif,metrics,enhance2d,view,export,cluster,dev]'
 	@touch $(READY)
 
 demo: install
