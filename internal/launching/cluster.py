@@ -99,7 +99,7 @@ class Slurm:
                 # COMPLETED and not done: its files have yet to reach this machine.
                 del self._jobs[run]
                 over.append(run)
-                if state not in ("COMPLETED", "FAILED", ""):
+                if state in OVER - {"FAILED"} and not run.is_done():
                     run.note(f"Slurm job {job}: {state}")
         return over
 
