@@ -107,7 +107,8 @@ class Config:
     checkpoint_dir: str = ""
     dataset_loader: str = "auto"
     factor: int = 1
-    images_dir: str = ""  # other folder of input pictures, paired by name
+    images_dir: str = ""  # other folder of input pictures, paired with the poses by
+    pair_by: str = "name"  # name; number: of the names, too; order: that, too
     gt_dir: str = ""  # folder of normal-light truth, paired by name
     near: float = 0.0  # depth in the pose file's units; 0: from file or points
     far: float = 0.0

@@ -156,6 +156,54 @@ def test_a_training_that_fails_costs_only_its_rows(
     assert "no rows of: tiny on lime photos of scene" in capsys.readouterr().err
 
 
+@needs_opencv
+def test_what_is_masked_is_in_no_score_and_a_view_of_nothing_else_has_none(
+    tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    Path("methods.toml").write_text('["dark"]\n["LIME"]\nphotos = "lime"')
+    rng = np.random.default_rng(0)
+    own = rng.uniform(0.0, 0.2, (18, 24, 3)).astype(np.float32)
+    mask = np.ones((18, 24, 1), bool)
+    mask[4:8, 6:20] = False
+    for folder in ("a", "b"):
+        write_blender(Path(folder), WORLD, test=(0, 1))
+        Path(folder, "masks").mkdir()
+        for name, counted in (("00.png", mask), ("01.png", mask & ~mask)):
+            image_io.write(Path(folder, "masks", name), np.repeat(counted, 3, -1) * 1.0)
+            for kind in ("low", "high"):
+                garbage = rng.random((18, 24, 3)).astype(np.float32)
+                image_io.write(
+                    Path(folder, kind, name), np.where(counted, own, garbage)
+                )
+    assert compare("a", "b") == 0
+    for photos in ("dark", "lime"):
+        scores = [
+            Path("out", folder, "scores", photos, "metrics.json").read_text()
+            for folder in ("a", "b")
+        ]
+        assert scores[0] == scores[1]
+        found = json.loads(scores[0])
+        assert list(found["views"]) == ["00.png"]
+        assert found["masked"] == {"00.png": 1.0 - mask.mean(), "01.png": 1.0}
+    truth = image_io.read_srgb(Path("out/a/scores/dark/truth/00.png"))
+    assert len(np.unique(truth[~mask[..., 0]], axis=0)) == 2  # stripes
+
+
+@needs_opencv
+def test_enhanced_photos_are_transparent_where_the_photo_was(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_llff(Path("scene"), WORLD)
+    rgba = np.full((18, 24, 4), 0.1, np.float32)
+    rgba[..., 3] = np.arange(24) > 9
+    image_io.write(Path("scene/images/00.png"), rgba)
+    Path("methods.toml").write_text('["LIME"]\nphotos = "lime"')
+    assert compare("scene") == 0
+    photo = Path("out/scene/photos/lime/00.png")
+    np.testing.assert_array_equal(image_io.read_alpha(photo), rgba[..., 3])
+    assert not image_io.has_alpha(photo.with_name("01.png"))
+
+
 def test_scenes_without_truth_have_figures_and_no_scores(scene):
     write_llff(Path("plain"), WORLD)
     Path("methods.toml").write_text('["dark"]\n["x gain"]\noutput = "gain_to_mean"')

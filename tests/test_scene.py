@@ -594,7 +594,13 @@ class TestRealCaptures:
 
     def test_enhanced_pictures_can_be_the_input(self):
         folder = real("lom/buu")
-        scene = load(folder, "test", images_dir="Low_light_enhance/enh_SCI", factor=4)
+        scene = load(
+            folder,
+            "test",
+            images_dir="Low_light_enhance/enh_SCI",
+            pair_by="number",
+            factor=4,
+        )
         assert len(scene.images) == len(scene.truth) == 3
         dark = load(folder, "test", factor=4)
         assert np.mean(scene.images) > 2.0 * np.mean(dark.images)

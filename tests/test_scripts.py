@@ -27,6 +27,7 @@ from internal.errors import Diverged, UserError
 from internal.files import image_io
 from internal.pages import report
 from internal.saved_config import to_json
+from internal.scoring import metrics
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
 from tests.conftest import TINY_MODEL, TINY_PLAIN, bindings, flags
@@ -186,6 +187,34 @@ def test_evaluation_writes_pictures_and_scores(run):
         picture = image_io.read_srgb(run / "eval" / output / "000.png")
         assert picture.shape == (32, 36, 3)
     assert (run / "eval" / "index.html").is_file()
+
+
+def test_evaluation_shows_and_leaves_out_what_is_masked(run, tmp_path, monkeypatch):
+    shutil.copytree(run, tmp_path / "run")
+    mask = np.ones((32, 36), bool)
+    mask[:8] = False
+
+    def load_masked(config, split):
+        scene = load_split(config, split)
+        if split == "train":
+            return scene
+        under = [np.where(mask[..., None], x, np.uint16(40000)) for x in scene.truth]
+        return dataclasses.replace(scene, masks=(mask,), truth=under)
+
+    monkeypatch.setattr(eval_script.cli, "load_split", load_masked)
+    assert eval_script.main([f"--run={tmp_path / 'run'}"]) == 0
+    folder = tmp_path / "run" / "eval"
+    result = json.loads((folder / "metrics.json").read_text())
+    assert result["masked"] == {"000.png": 0.25}
+    enhanced, truth = (
+        image_io.read_srgb(folder / output / "000.png")
+        for output in ("enhanced", "truth")
+    )
+    scores = metrics.score(enhanced, truth, mask)
+    assert result["views"]["000.png"]["enhanced"] == pytest.approx(scores, rel=1e-4)
+    assert len(np.unique(truth[:8].reshape(-1, 3), axis=0)) == 2  # stripes
+    text = "Hatched pixels of photo and truth (25.0 % on average) are masked"
+    assert text in (folder / "index.html").read_text()
 
 
 def test_rendering_writes_videos_and_goes_on_where_it_stopped(scene, run):

@@ -30,6 +30,7 @@ from internal.files import atomic, image_io
 from internal.files.listing import flat_pngs
 from internal.files.made_folder import Facts, make_folder
 from internal.scene import readers
+from internal.scene.masks import filled, hatched, read_mask
 from internal.scoring import evaluation
 from internal.training import run_folder
 
@@ -163,6 +164,8 @@ def do(out: Path, job: Job, gin_bindings: Sequence[str]) -> int:
     images = job.photos
     if images in ENHANCERS:
         images = str(_enhanced_photos(out, job, configs.load_config([], bindings)))
+    elif images:  # enhancers call 1.JPG enh_1.png; what the user binds still wins
+        bindings.insert(0, "Config.pair_by = 'number'")
     if images:
         bindings.append(f"Config.images_dir = {images!r}")
     if job.train:
@@ -226,18 +229,21 @@ def _enhanced_photos(out: Path, job: Job, config: Config) -> Path:
         files = readers.read_files(
             job.data_dir, config.dataset_loader, config.images_dir
         )
-        named = list(zip(files.names, files.image_paths, strict=True))
-        if len({Path(name).with_suffix("") for name in files.names}) < len(named):
+        count = len(files.names)
+        if len({Path(name).with_suffix("") for name in files.names}) < count:
             raise UserError(
                 f"{job.data_dir}: two of its pictures differ only in their ending; "
                 "rename one"
             )
-        for name, path in progress.track(named, len(named), job.photos, "photo"):
-            inside = Path(name).relative_to(Path(name).anchor)
+        for view in progress.track(range(count), count, job.photos, "photo"):
+            inside = Path(files.names[view]).relative_to(Path(files.names[view]).anchor)
             target = (partial / inside).with_suffix(".png")
             target.parent.mkdir(parents=True, exist_ok=True)
-            image_io.write(target, ENHANCERS[job.photos](image_io.read_srgb(path)))
-        return {"photos": float(len(named))}
+            mask = read_mask(files, view)
+            srgb = image_io.read_srgb(files.image_paths[view], files.upright)
+            enhanced = ENHANCERS[job.photos](filled(srgb, mask))
+            image_io.write(target, image_io.with_alpha(enhanced, mask))
+        return {"photos": float(count)}
 
     make_folder(folder, settings, fill, overwrite=False)
     return folder
@@ -256,15 +262,17 @@ def _score_photos(out: Path, job: Job, bindings: Sequence[str]) -> None:
         for index, name in enumerate(
             progress.track(names, len(names), "scoring", "photo")
         ):
-            photo = from_uint16(scene.images[index])
-            shown = evaluation.brightened(photo)
+            photo, mask = from_uint16(scene.images[index]), scene.mask(index)
+            shown = evaluation.brightened(photo, mask)
             if scene.truth:
                 truth = from_uint16(scene.truth[index])
-                views[name] = evaluation.score_pictures(shown, truth)
+                if mask.any():
+                    views[name] = evaluation.score_pictures(shown, truth, mask)
                 shown["truth"] = truth
-            _write_pictures(partial, pngs[index], shown)
-        mean = evaluation.mean_scores(views) if views else {}
-        result = {"views": views, "mean": mean}
+            hidden = {kind: hatched(srgb, mask) for kind, srgb in shown.items()}
+            _write_pictures(partial, pngs[index], hidden)
+        mean = evaluation.mean_scores(views)
+        result = {"masked": scene.masked, "views": views, "mean": mean}
         atomic.write_text(partial / "metrics.json", json.dumps(result, indent=2) + "\n")
         return {"views": float(len(names))}
 

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from internal.export import ply
 from internal.export.density import Density
-from internal.files import atomic
+from internal.files import atomic, ply
 
 MARGIN = 0.02  # of the box around the points
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from internal.errors import UserError
 from internal.files import atomic, color_profile, heif
@@ -169,6 +169,17 @@ def write(
             raise UserError(
                 f"{path}: cannot write ({reason}); free space or pick another folder"
             )
+
+
+def with_alpha(
+    srgb: Float[np.ndarray, "height width 3"],
+    opaque: Bool[np.ndarray, "#height #width"],
+) -> Float[np.ndarray, "height width channels"]:
+    """The picture with an alpha channel, or as it is if all of it is opaque."""
+    if opaque.all():
+        return srgb
+    alpha = np.broadcast_to(opaque, srgb.shape[:2])[..., None]
+    return np.concatenate([srgb, alpha.astype(np.float32)], axis=-1)
 
 
 def writable(name: Path) -> Path:

@@ -20,8 +20,13 @@ READERS: tuple[Reader, ...] = (
 SHOWN_ENTRIES = 8
 
 
-def read_files(data_dir: Path, dataset_loader: str, images_dir: str) -> SceneFiles:
+def read_files(
+    data_dir: Path, dataset_loader: str, images_dir: str, pair_by: str = "name"
+) -> SceneFiles:
     """Reads a scene's folder as ``dataset_loader`` says ("auto" detects).
+
+    ``pair_by``: how pictures of ``images_dir`` may find their poses, as in
+    ``pairing.pair_poses``.
 
     Raises:
         UserError: the folder is missing, is no scene of that format, or is broken.
@@ -37,7 +42,7 @@ def read_files(data_dir: Path, dataset_loader: str, images_dir: str) -> SceneFil
     asked = [r for r in READERS if dataset_loader in ("auto", r.name)]
     for reader in asked:
         if reader.matches(data_dir):
-            return reader.read(data_dir, images_dir)
+            return reader.read(data_dir, images_dir, pair_by)
     looked_for = "; ".join(f"{r.name}: {r.looked_for}" for r in asked)
     raise UserError(
         f"{data_dir}: no scene found. Looked for {looked_for}. "
