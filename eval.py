@@ -64,8 +64,8 @@ def main(argv: Sequence[str]) -> int:
     ):
         rendering = renderer.view(state.params, index)
         display = display or display_for(config.model, rendering)
-        dark = from_uint16(scene.images[index])
-        truth = from_uint16(scene.truth[index]) if scene.truth else None
+        dark = from_uint16(scene.images[index]) if scene.images else None
+        truth = from_uint16(scene.truth[index]) if index in scene.truth else None
         baselines = evaluation.brightened(rendering.rgb)
         gain = scene.gains[index]
         views[name] = evaluation.score_view(rendering, baselines, dark, truth, gain)
@@ -74,10 +74,11 @@ def main(argv: Sequence[str]) -> int:
         shown = {
             **pictures(rendering, display),
             evidence.EVIDENCE: evidence.false_colors(found),
-            "input": dark,
             **baselines,
         }
         del shown["unchanged"]  # the picture "dark"
+        if dark is not None:
+            shown["input"] = dark
         if truth is not None:
             shown["truth"] = truth
         for output, picture in shown.items():
@@ -89,7 +90,7 @@ def main(argv: Sequence[str]) -> int:
     mean = evaluation.mean_scores(views)
     result = {"step": int(state.step), "views": views, "mean": mean}
     atomic.write_text(folder / "metrics.json", json.dumps(result, indent=2) + "\n")
-    table = scores.score_table(mean, "Scores, mean over test views")
+    table = scores.score_table(mean, scores.heading(len(names), len(scene.truth)))
     pages.write_index(
         folder,
         f"{scene.name}: test views at step {int(state.step)}",

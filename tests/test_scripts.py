@@ -30,6 +30,14 @@ from internal.saved_config import to_json
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
 from tests.conftest import TINY_MODEL, TINY_PLAIN, bindings, flags
+from tests.scene_writers import (
+    LENS,
+    facing_world,
+    frame_entries,
+    intrinsics,
+    write_json,
+    write_pictures,
+)
 
 ROOT = Path(__file__).parents[1]
 
@@ -186,6 +194,22 @@ def test_evaluation_writes_pictures_and_scores(run):
         picture = image_io.read_srgb(run / "eval" / output / "000.png")
         assert picture.shape == (32, 36, 3)
     assert (run / "eval" / "index.html").is_file()
+
+
+def test_test_views_of_bright_photos_alone_are_scored_against_them(tmp_path):
+    """A scene as RealX3D's."""
+    world, folder, own = facing_world(), tmp_path / "scene", tmp_path / "run"
+    for split, views, level in (("train", (0, 1, 2, 3), 4.0), ("test", (4, 5), 150.0)):
+        write_pictures(folder / split, world.names, level)
+        frames = [frame_entries(world, split)[view] for view in views]
+        content = {**intrinsics(LENS), "near": 2.0, "far": 7.0, "frames": frames}
+        write_json(folder / f"transforms_{split}.json", content)
+    assert train_script.main(flags(folder, own)) == 0
+    assert eval_script.main([f"--run={own}"]) == 0
+    result = json.loads((own / "eval/metrics.json").read_text())
+    assert result["views"].keys() == {"04.png", "05.png"}
+    assert "enhanced" in result["mean"] and "dark" not in result["mean"]
+    assert not (own / "eval/input").exists() and (own / "eval/truth/04.png").is_file()
 
 
 def test_rendering_writes_videos_and_goes_on_where_it_stopped(scene, run):

@@ -253,6 +253,11 @@ def _score_photos(out: Path, job: Job, bindings: Sequence[str]) -> None:
     def fill(partial: Path) -> Facts:
         scene = cli.load_split(configs.load_config([], bindings), "test")
         views: dict[str, evaluation.Scores] = {}
+        if not scene.images:
+            raise UserError(
+                f"{job.data_dir}: its test views have no dark photos to score; "
+                "compare methods on a scene that has them"
+            )
         names = scene.view_names
         pngs = flat_pngs(names)
         for index, name in enumerate(
@@ -260,7 +265,7 @@ def _score_photos(out: Path, job: Job, bindings: Sequence[str]) -> None:
         ):
             photo = from_uint16(scene.images[index])
             shown = evaluation.brightened(photo)
-            if scene.truth:
+            if index in scene.truth:
                 truth = from_uint16(scene.truth[index])
                 views[name] = evaluation.score_pictures(shown, truth)
                 shown["truth"] = truth

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scores of test views, and the trivial baselines beside them.
 
-Scores of a view are ``{"dark": {...}}`` against its dark photo and, where it has a
-normal-light truth, ``{"enhanced": {...}}`` and one entry per baseline against that
-truth; one baseline, ``unchanged``, is the dark rendering itself. Pictures are
-[height, width, 3] sRGB in [0, 1].
+Scores of a view are, where it has a dark photo, ``{"dark": {...}}`` against that and,
+where it has a normal-light truth, ``{"enhanced": {...}}`` and one entry per baseline
+against that truth; one baseline, ``unchanged``, is the dark rendering itself. Pictures
+are [height, width, 3] sRGB in [0, 1].
 """
 
 import jax.numpy as jnp
@@ -43,19 +43,21 @@ BASELINES = {
 def score_view(
     rendering: Rendering | LitRendering,
     baseline_pictures: Pictures,
-    dark: Float[np.ndarray, "height width 3"],
+    dark: Float[np.ndarray, "height width 3"] | None,
     truth: Float[np.ndarray, "height width 3"] | None,
     gain: Float[np.ndarray, " 3"],
 ) -> Scores:
     """Scores of one rendered view and of what ``brightened`` makes of it.
 
     Args:
-        dark: the photo, which took ``gain`` times the scene's linear light.
-        truth: None where there is none.
+        dark: the photo, which took ``gain`` times the scene's linear light; None where
+            there is none, which holds for ``truth`` too.
     """
-    rgb = jnp.asarray(rendering.rgb)
-    photo = color.expose(rgb, jnp.broadcast_to(gain, rgb.shape))
-    scores = {"dark": metrics.score_dark(np.asarray(photo), dark)}
+    scores: Scores = {}
+    if dark is not None:
+        rgb = jnp.asarray(rendering.rgb)
+        photo = color.expose(rgb, jnp.broadcast_to(gain, rgb.shape))
+        scores["dark"] = metrics.score_dark(np.asarray(photo), dark)
     if truth is None:
         return scores
     if isinstance(rendering, LitRendering):
@@ -79,12 +81,12 @@ def brightened(dark_srgb: Float[np.ndarray, "height width 3"]) -> Pictures:
 
 
 def mean_scores(views: dict[str, Scores]) -> Scores:
-    """The mean of each score over views."""
-    first = next(iter(views.values()))
+    """The mean of each score over the views that have it."""
+    rows: dict[str, list[dict[str, float]]] = {}
+    for scores in views.values():
+        for picture, row in scores.items():
+            rows.setdefault(picture, []).append(row)
     return {
-        picture: {
-            name: float(np.mean([scores[picture][name] for scores in views.values()]))
-            for name in first[picture]
-        }
-        for picture in first
+        picture: {name: float(np.mean([r[name] for r in found])) for name in found[0]}
+        for picture, found in rows.items()
     }
