@@ -10,7 +10,7 @@ an area average keeps the precision it gained.
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -63,11 +63,11 @@ class Scene:
     format: str
     split: str  # "train" or "test"
     view_names: tuple[str, ...]
-    image_paths: tuple[Path, ...]  # files of ``images``
+    image_paths: tuple[Path, ...]  # files of ``images``; of truth where there are none
     lenses: tuple[Lens, ...]  # at the size of ``images``
     cameras: Cameras  # NumPy arrays, model frame
-    images: Sequence[Picture]  # dark input
-    truth: Sequence[Picture]  # () without paired truth
+    images: Sequence[Picture]  # dark input; () where test views have truth alone
+    truth: Mapping[int, Picture]  # by view, of those that have it
     masks: tuple[Mask, ...]  # of ``images`` and ``truth``; () if every pixel counts
     gains: Float[np.ndarray, "n 3"]  # photo over scene, linear light
     space: ForwardFacing | Unbounded
@@ -95,7 +95,9 @@ class Scene:
 
     @functools.cached_property
     def brightness(self) -> float:
-        """Mean of the pictures, sRGB in [0, 1]."""
+        """Mean of the pictures, sRGB in [0, 1]; 0 without any."""
+        if not self.images:
+            return 0.0
         seen = [self.pixels(v) for v in range(len(self.images)) if self.mask(v).any()]
         return float(np.mean([pixels.mean() for pixels in seen])) / UINT16_ONE
 
@@ -183,10 +185,15 @@ def load_scene(
         )
     bounds = find_bounds(files, lenses, ~is_test, near, far)
     frame = choose_frame(files, lenses, bounds, projection, end_at_far)
-    truth = find_truth(files, data_dir, gt_dir)
+    truth = _find_truth(files, data_dir, gt_dir, is_test, needed=split == "test")
     own_photos = photo_gains and not images_dir
     unrounds = unrounded and split == "train"
-    gains = load_gains(data_dir, files.image_paths, own_photos)
+    gains = np.ones((len(is_test), 3), np.float32)
+    dark = ~is_test if truth.is_alone else np.ones_like(is_test)
+    dark_paths = [
+        path for path, is_dark in zip(files.image_paths, dark, strict=True) if is_dark
+    ]
+    gains[dark] = load_gains(data_dir, dark_paths, own_photos)
     masks = load_masks(files, lenses, is_test)
 
     views = np.flatnonzero(is_test == (split == "test"))
@@ -217,18 +224,29 @@ def load_scene(
                     unrounded=unrounds,
                 )
                 for v, mask in shown
+                if dark[v]
             ),
             max_image_memory,
         ),
-        truth=hold(
-            (
-                load_truth(
-                    truth.paths[v], files.image_paths[v], lenses[v], mask, files.upright
-                )
-                for v, mask in shown
-                if truth.paths
-            ),
-            max_image_memory,
+        truth=dict(
+            zip(
+                [place for place, (v, _) in enumerate(shown) if v in truth.paths],
+                hold(
+                    (
+                        load_truth(
+                            truth.paths[v],
+                            files.image_paths[v],
+                            lenses[v],
+                            mask,
+                            files.upright,
+                        )
+                        for v, mask in shown
+                        if v in truth.paths
+                    ),
+                    max_image_memory,
+                ),
+                strict=True,
+            )
         ),
         masks=() if all(mask.all() for mask in own_masks) else tuple(own_masks),
         gains=gains[views],
@@ -241,7 +259,7 @@ def load_scene(
     )
     _report(scene, files, is_test, bounds, frame, truth)
     report(masks)
-    if scene.brightness == 0.0:
+    if scene.images and scene.brightness == 0.0:
         raise UserError(
             f"{scene.image_paths[0].parent}: all {len(scene.images)} photos are black, "
             "without a pixel above 0: there is no light to bring out"
@@ -249,6 +267,24 @@ def load_scene(
     if not images_dir:  # else the user chose, and LLE + NeRF chooses bright photos
         _warn_of_normal_light(scene)
     return scene
+
+
+def _find_truth(
+    files: SceneFiles,
+    data_dir: Path,
+    gt_dir: str,
+    is_test: Bool[np.ndarray, " n"],
+    *,
+    needed: bool,
+) -> Truth:
+    """Truth as ``find_truth`` finds it. Training needs none: what is wrong with it is
+    then only said."""
+    try:
+        return find_truth(files, data_dir, gt_dir, is_test)
+    except UserError as error:
+        if needed:
+            raise
+        return Truth({}, f"WARNING: none for scores: {error}")
 
 
 def posed_cameras(
