@@ -322,6 +322,7 @@ class Loader:
         )
         self._process.start()
         theirs.close()
+        self._ours.recv()  # its imports are no part of the time that loading may take
 
     def load(self, folder: Path) -> Loaded | None:
         """None where there was no answer in time."""
@@ -341,6 +342,7 @@ class Loader:
 
 def serve(connection: Connection, load: Callable[[Path], dict[str, float]]) -> None:
     """Loads folder after folder, until nobody asks."""
+    connection.send(None)
     with contextlib.suppress(EOFError):
         while True:
             connection.send(loaded(connection.recv(), load))
