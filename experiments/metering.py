@@ -40,8 +40,8 @@ SHIPPED = "kernel, pairs 0.3"
 class Family:
     """A tone curve and a way to learn its exposure."""
 
-    contrast: float = 1.2
-    shoulder: float = 2.0
+    contrast: float = 1.3
+    shoulder: float = 1.5
     pairs: float = 0.3  # weight of all real pairs; ordinary photos weigh 1
     ridge: float = 3e-4
     width: float = 0.7
@@ -59,10 +59,15 @@ FAMILIES = {
     "kernel, stiff": Family(ridge=3e-3),
     "Naka-Rushton, n 1.3": Family(1.3, 1.0),
     "straight line": Family(*STRAIGHT),
-    "n 1.1, k 3": Family(1.1, 3.0),
+    "n 1.2, k 2": Family(1.2, 2.0),
     "n 1.3, k 2": Family(1.3, 2.0),
     "n 1.5, k 1": Family(1.5, 1.0),
 }
+BLENDED_CURVES = (
+    (1.2, 1.0), (1.3, 1.0), (1.4, 1.0), (1.5, 1.0), (1.7, 1.0), (1.2, 1.5), (1.3, 1.5),
+    (1.5, 1.5), (1.1, 2.0), (1.2, 2.0), (1.3, 2.0), (1.5, 2.0), (1.2, 4.0),
+)  # fmt: skip
+NORMALS = (0.58, 0.62, 0.66, 0.70)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -238,10 +243,17 @@ def main() -> None:
             curve = family.contrast, family.shoulder
             normal = todays(shots, *curve, metering.NORMAL, True)
             both = np.asarray(blended(stops, normal))
-            rows.append(row("a third of the way to mean 0.58: ships", shots, own, both))
+            rows.append(
+                row(
+                    f"a third of the way to mean {metering.NORMAL}: ships",
+                    shots,
+                    own,
+                    both,
+                )
+            )
         print(rows[-1], flush=True)
     for name, curve in (
-        ("best of n 1.2, k 2", (1.2, 2.0)),
+        ("best of n 1.3, k 1.5", (1.3, 1.5)),
         ("best of n 1.3", (1.3, 1.0)),
         ("best straight line", STRAIGHT),
     ):
@@ -252,7 +264,9 @@ def main() -> None:
     made = {"made_by": "python -m experiments.metering"}
     metering.FITTED.write_text(json.dumps(made | shipped) + "\n")
     print(markdown(headers, rows))
-    print(markdown(("scene", "kernel", "same mean 0.58", "ships"), scenes(shipped)))
+    same = f"same mean {metering.NORMAL}"
+    print(markdown(("scene", "kernel", same, "ships"), scenes(shipped)))
+    print(markdown(("curve", "best", *map(str, NORMALS)), blends(shots)))
 
 
 def scenes(shipped: dict) -> list[tuple[str, ...]]:
@@ -268,6 +282,38 @@ def scenes(shipped: dict) -> list[tuple[str, ...]]:
     rms = np.sqrt(np.mean(errors**2, axis=0))
     rows = [(n, *(f"{x:+.2f}" for x in e)) for n, e in zip(names, errors, strict=True)]
     return [*rows, ("RMS", *(f"{x:.2f}" for x in rms))]
+
+
+def blends(shots: list[Shot]) -> list[tuple[str, ...]]:
+    """For each curve PSNR of the pairs (left out) and of the whole scenes, and their
+    sum, at the best exposure and a third of the way to each mean."""
+    pairs = np.array([shot.group == "pairs" for shot in shots])
+    _, whole = zip(*captures.scene_shots(), strict=True)
+    rows = []
+    for curve in BLENDED_CURVES:
+        family = dataclasses.replace(
+            FAMILIES[SHIPPED], contrast=curve[0], shoulder=curve[1]
+        )
+        lit, scene = under_curve(shots, *curve), under_curve(list(whole), *curve)
+        stops = left_out(family, shots, lit)
+        weight = weights_of(shots, family.pairs)
+        prior = fitted(family, lit, weight, np.ones(len(shots), bool))
+        learned = scene.first + metering.correction(scene.shapes, prior)
+        cells = [_both(lit.psnr(lit.best)[pairs], scene.psnr(scene.best))]
+        for mean in NORMALS:
+            known = (
+                todays(shots, *curve, mean, True),
+                todays(list(whole), *curve, mean, True),
+            )
+            a = lit.psnr(np.asarray(blended(stops, known[0])))[pairs]
+            cells.append(_both(a, scene.psnr(np.asarray(blended(learned, known[1])))))
+        rows.append((f"n {curve[0]}, k {curve[1]:g}", *cells))
+    return rows
+
+
+def _both(pairs: np.ndarray, scenes: np.ndarray) -> str:
+    a, b = pairs.mean(), scenes.mean()
+    return f"{a:.2f} + {b:.2f} = {a + b:.2f}"
 
 
 def written(prior: Prior) -> dict:

@@ -7,6 +7,7 @@ from pathlib import Path
 from internal import parallel
 from internal.configs import Config
 from internal.errors import UserError
+from internal.prepare import depths
 from internal.scene.scene import Scene, load_scene
 from internal.training import run_folder
 
@@ -42,12 +43,16 @@ def load_split(config: Config, split: str) -> Scene:
     """The configured scene's ``train`` or ``test`` views."""
     if not config.data_dir:
         raise UserError("no scene is named; give its folder: --scene scenes/night")
+    folders = [Path(config.data_dir)]
+    if config.checkpoint_dir:
+        folders.append(Path(config.checkpoint_dir))
     return load_scene(
         Path(config.data_dir),
         split=split,
         dataset_loader=config.dataset_loader,
         factor=config.factor,
         images_dir=config.images_dir,
+        pair_by=config.pair_by,
         gt_dir=config.gt_dir,
         near=config.near,
         far=config.far,
@@ -57,4 +62,5 @@ def load_split(config: Config, split: str) -> Scene:
         photo_gains=config.photo_gains,
         unrounded=config.unrounded,
         max_image_memory=config.max_image_memory,
+        find_points=lambda files, views: depths.find_points(files, views, folders),
     )

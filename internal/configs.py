@@ -28,7 +28,7 @@ class ModelConfig:
     # internal/enhancements; None: plain mip-NeRF without v and r
     enhancement: Enhancement | None = dataclasses.field(default_factory=Gamma)
     num_samples: tuple[int, ...] = (128, 128)  # per level of hierarchical sampling
-    resample_padding: float = 0.01  # mip-NeRF, Eq. 17
+    resample_padding: float = 0.01  # mip-NeRF Eq. 18
     ray_shape: str = "auto"  # cone, cylinder; auto: cylinder in NDC
     deg_view: int = 4
     head_width: int = 128  # hidden width of F1 and F2
@@ -107,7 +107,8 @@ class Config:
     checkpoint_dir: str = ""
     dataset_loader: str = "auto"
     factor: int = 1
-    images_dir: str = ""  # other folder of input pictures, paired by name
+    images_dir: str = ""  # other folder of input pictures, paired with the poses by
+    pair_by: str = "name"  # name; number: of the names, too; order: that, too
     gt_dir: str = ""  # folder of normal-light truth, paired by name
     near: float = 0.0  # depth in the pose file's units; 0: from file or points
     far: float = 0.0

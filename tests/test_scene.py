@@ -594,7 +594,13 @@ class TestRealCaptures:
 
     def test_enhanced_pictures_can_be_the_input(self):
         folder = real("lom/buu")
-        scene = load(folder, "test", images_dir="Low_light_enhance/enh_SCI", factor=4)
+        scene = load(
+            folder,
+            "test",
+            images_dir="Low_light_enhance/enh_SCI",
+            pair_by="number",
+            factor=4,
+        )
         assert len(scene.images) == len(scene.truth) == 3
         dark = load(folder, "test", factor=4)
         assert np.mean(scene.images) > 2.0 * np.mean(dark.images)
@@ -628,3 +634,18 @@ def test_gains_that_make_no_sense_are_named(tmp_path, gains):
     write_json(folder / "exposures.json", content)
     with pytest.raises(UserError, match=r"exposures\.json.*Config\.photo_gains"):
         load(folder)
+
+
+def test_photos_without_any_light_are_refused(tmp_path):
+    folder = write_nerfstudio(tmp_path, WORLD, **BOUNDS)
+    for name in WORLD.names:
+        image_io.write(folder / "images" / name, flat_picture(0))
+    with pytest.raises(UserError, match=r"images: all \d photos are black"):
+        load(folder)
+
+
+def test_cameras_at_one_place_are_warned_of(tmp_path, capsys):
+    still = dataclasses.replace(WORLD, camtoworlds=WORLD.camtoworlds.copy())
+    still.camtoworlds[:, :, 3] = WORLD.camtoworlds[0, :, 3]
+    load(write_nerfstudio(tmp_path, still, **BOUNDS))
+    assert "all 6 cameras stand at one place" in capsys.readouterr().out

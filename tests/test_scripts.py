@@ -25,8 +25,8 @@ from internal.comparison import scored_run
 from internal.configs import load_config
 from internal.errors import Diverged, UserError
 from internal.files import image_io
+from internal.launching.run import RECORD
 from internal.pages import report
-from internal.saved_config import to_json
 from internal.scoring import metrics
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
@@ -261,8 +261,9 @@ def test_a_sweep_compares_what_is_done_and_runs_nothing_twice(scene, run, tmp_pa
     variants = ["--variants", "bright: Gamma.exposure_target = 0.9"]
     for name, own in {"full": [], "bright": ["Gamma.exposure_target = 0.9"]}.items():
         shutil.copytree(run / "eval", tmp_path / name / "eval")
-        config = scored_run.config_of(tmp_path / name, [], [*bindings(scene), *own])
-        (tmp_path / name / scored_run.RECORD).write_text(to_json(config))
+        folder = tmp_path / name
+        done = scored_run.scored_run(name, folder, [], [*bindings(scene), *own])
+        (folder / RECORD).write_text(done.record)
     assert sweep_script.main([*arguments, *variants]) == 0
     assert "| bright |" in (tmp_path / "table.md").read_text()
     assert len((tmp_path / "table.csv").read_text().splitlines()) == 3
@@ -297,7 +298,7 @@ def test_curves_of_several_runs_share_a_chart_and_leave_out_what_never_changes(
 def test_a_sweep_refuses_before_the_first_training(
     variants, message, scene, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(sweep_script, "train_and_score", pytest.fail)
+    monkeypatch.setattr(sweep_script, "scored_run", pytest.fail)
     arguments = [*flags(scene, tmp_path), "--variants", *variants]
     with pytest.raises(UserError, match=message):
         sweep_script.main(arguments)

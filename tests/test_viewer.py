@@ -22,8 +22,10 @@ from hypothesis import strategies as st
 
 from internal.cameras import Lens
 from internal.configs import Config, ModelConfig, load_config
+from internal.coord import Unbounded
 from internal.enhancements.gamma import Gamma, GammaLit
 from internal.enhancements.look import Look
+from internal.enhancements.tone import Curve, develop
 from internal.errors import UserError
 from internal.files import image_io
 from internal.models import Model
@@ -38,10 +40,13 @@ from internal.viewer.canvas import PHOTO, Choice, draw, photo_through
 from internal.viewer.free_camera import PIXELS, FreeCamera, single_camera, vertical_fov
 from internal.viewer.inquiry import Inquiry
 from internal.viewer.jobs import Job, Speedometer, Task
+from internal.viewer.panel import is_double
 from internal.viewer.server import Server
 from internal.viewer.session import Session
 from internal.viewer.sharing import Turns
-from internal.viewer.studio import Studio, Trained, with_fewer_samples
+from internal.viewer.studio import Studio, with_fewer_samples
+from internal.viewer.trained import Trained
+from internal.viewer.white_point import make_gray
 from tests.browser import until
 from tests.scene_writers import facing_world, write_blender
 
@@ -141,6 +146,62 @@ def test_a_window_of_any_shape_fits_its_number_of_pixels(aspect, pixels):
     assert vertical_fov(lens) == pytest.approx(0.8)
 
 
+@given(st.floats(0.3, 4.0), st.integers(40, 4000))
+def test_a_picture_of_any_size_shows_what_its_window_does(aspect, pixels):
+    lens = FreeCamera(POSE, 0.8, aspect).lens(pixels)
+    fx, fy, _, _ = lens.params
+    half = np.tan(0.4)
+    np.testing.assert_allclose([lens.width / fx, lens.height / fy],
+                               [2 * half * aspect, 2 * half])  # fmt: skip
+
+
+@pytest.mark.parametrize("aspect", [0.5, 4 / 3, 3.0])
+def test_a_window_of_any_shape_holds_a_whole_photo(aspect):
+    window = CAMERA.seen_in(aspect)
+    up, across = np.tan(window.fov / 2), np.tan(window.fov / 2) * aspect
+    photo = np.tan(CAMERA.fov / 2)
+    assert up >= 0.999 * photo and across >= 0.999 * photo * CAMERA.aspect
+    assert min(up / photo, across / photo / CAMERA.aspect) == pytest.approx(1.0)
+
+
+def test_a_camera_that_stays_computes_nothing_anew(studio, page):
+    page.session.stand(CAMERA)
+    work(studio)
+    shown = len(page.frames)
+    page.session.stand(dataclasses.replace(CAMERA, camtoworld=POSE + 1e-7))
+    work(studio)
+    assert len(page.frames) == shown
+
+
+def test_a_frame_knows_what_is_in_its_middle(studio, page):
+    near, far = np.float32([0.1, 8.0])
+    studio.scene = dataclasses.replace(studio.scene, space=Unbounded(near, far))
+    place = POSE + np.array([0.0, 0, 0, 3.0])
+    page.session.stand(dataclasses.replace(CAMERA, camtoworld=place))
+    work(studio)
+    # The fake's depth is 0.5; the middle of even sizes is half a pixel off the axis.
+    expected = place[:, 3] - 0.5 * place[:, 2]
+    np.testing.assert_allclose(page.frames[-1].middle, expected, atol=5e-3)
+
+
+def test_what_photos_show_is_photographed_and_what_is_behind_them_not(studio, page):
+    camera = studio.view_camera(0)
+    page.session.stand(camera)
+    work(studio)
+    assert page.session.photographed() > 0.9
+    back = camera.camtoworld * [-1.0, 1.0, -1.0, 1.0]
+    page.session.stand(dataclasses.replace(camera, camtoworld=back))
+    work(studio)
+    assert page.session.photographed() == 0.0
+
+
+def test_two_clicks_are_one_only_at_once_and_at_one_place():
+    first = (1.0, (0.5, 0.5))
+    assert is_double(first, (1.2, (0.5, 0.51)))
+    assert not is_double(first, (2.0, (0.5, 0.5)))
+    assert not is_double(first, (1.2, (0.5, 0.6)))
+
+
 def test_cameras_of_all_sizes_share_one_compiled_program():
     shapes = {
         single_camera(POSE, CAMERA.lens(pixels)).directions.shape
@@ -201,6 +262,46 @@ def test_exposure_and_colour_render_nothing_and_contrast_does(studio, page):
     assert len(studio.edits) > rendered
     np.testing.assert_array_equal(studio.edits[-1].contrast, 2.0)
     np.testing.assert_array_equal(studio.edits[-1].gains, np.ones(3))
+
+
+COLOURS = [(0.6, 0.5, 0.45), (0.2, 0.3, 0.4), (0.05, 0.05, 0.04)]
+
+
+def tone_pixel(dark, look):
+    return develop(np.array(dark) / 4, Curve(3.0, jnp.asarray(1.4)), look.edit())
+
+
+def gamma_pixel(dark, look):
+    return np.array(dark) * look.edit().coded_gains
+
+
+@pytest.mark.parametrize("dark", COLOURS)
+@pytest.mark.parametrize("shown", [tone_pixel, gamma_pixel])
+def test_what_is_picked_becomes_gray_and_the_rest_of_the_look_stays(shown, dark):
+    look = Look(strength=0.8, exposure=0.5, temperature=5000.0, tint=0.3, contrast=1.2)
+    solved = make_gray(lambda look: np.asarray(shown(dark, look)), look)
+    red, green, blue = np.asarray(shown(dark, solved))
+    assert max(abs(red - green), abs(blue - green)) < 0.01 * green
+    rest = dataclasses.replace(solved, temperature=look.temperature, tint=look.tint)
+    assert rest == look
+
+
+def test_what_no_light_makes_gray_is_refused():
+    for dark, reason in (((0.0, 0.9, 0.0), "its own"), ((0.0,) * 3, "black")):
+        with pytest.raises(UserError, match=reason):
+            make_gray(lambda look, dark=dark: gamma_pixel(dark, look), Look())
+
+
+def test_a_pick_undoes_the_light_that_turned_a_gray_picture(studio, page):
+    page.session.stand(CAMERA)
+    page.session.light(Look(temperature=3000.0, tint=0.4, exposure=-1.0))
+    work(studio)
+    red, _, blue = page.frames[-1].picture[5, 5].astype(int)
+    assert red > blue + 50
+    page.session.light(page.session.white_point((1.0, 0.5)))
+    work(studio)
+    assert np.ptp(page.frames[-1].picture[5, 5].astype(int)) <= 1
+    assert page.session.look.exposure == -1.0
 
 
 def test_a_split_shows_one_output_on_each_side():

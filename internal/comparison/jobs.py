@@ -23,12 +23,13 @@ from internal import cli, configs, progress
 from internal.color import from_uint16
 from internal.comparison.enhancers import ENHANCERS, VERSION
 from internal.comparison.methods import Method
-from internal.comparison.scored_run import train_and_score
+from internal.comparison.scored_run import scored_run
 from internal.configs import Config
 from internal.errors import UserError
 from internal.files import atomic, image_io
 from internal.files.listing import flat_pngs
 from internal.files.made_folder import Facts, make_folder
+from internal.launching.run import Run
 from internal.scene import readers
 from internal.scene.masks import filled, hatched, read_mask
 from internal.scoring import evaluation
@@ -150,26 +151,37 @@ def check_settings(jobs: Sequence[Job], gin_bindings: Sequence[str]) -> None:
             )
 
 
-def do(out: Path, job: Job, gin_bindings: Sequence[str]) -> int:
-    """Does a job, or what is missing of it.
-
-    Returns:
-        0, or the exit code of the script that failed or was stopped.
+def score_photos(out: Path, job: Job, gin_bindings: Sequence[str]) -> None:
+    """Does a job without training, or what is missing of it.
 
     Raises:
         UserError: anything that the user has to fix.
     """
+    _score_photos(out, job, _with_photos(out, job, gin_bindings))
+
+
+def training(out: Path, job: Job, gin_bindings: Sequence[str]) -> Run:
+    """What is to be run for a job that trains; its photos are enhanced first.
+
+    Raises:
+        UserError: anything that the user has to fix.
+    """
+    bindings = _with_photos(out, job, gin_bindings)
+    return scored_run(str(job), _run(out, job), job.train, bindings)
+
+
+def _with_photos(out: Path, job: Job, gin_bindings: Sequence[str]) -> list[str]:
+    """The bindings of a job with those of its photos, which are there afterwards."""
     data_dir = str(job.data_dir.resolve())
     bindings = [*settings(job, gin_bindings), f"Config.data_dir = {data_dir!r}"]
     images = job.photos
     if images in ENHANCERS:
         images = str(_enhanced_photos(out, job, configs.load_config([], bindings)))
+    elif images:  # enhancers call 1.JPG enh_1.png; what the user binds still wins
+        bindings.insert(0, "Config.pair_by = 'number'")
     if images:
         bindings.append(f"Config.images_dir = {images!r}")
-    if job.train:
-        return train_and_score(_run(out, job), job.train, bindings)
-    _score_photos(out, job, bindings)
-    return 0
+    return bindings
 
 
 def is_scored(out: Path, job: Job) -> bool:

@@ -25,7 +25,7 @@ from jaxtyping import Float, Int
 from internal.color import photo_to_linear
 
 MIDDLE = 0.5  # sRGB mean of the developed largest channel at the first exposure
-NORMAL = 0.58  # that mean where nothing else is known: it varies least over photos
+NORMAL = 0.66  # that mean where nothing else is known
 NORMAL_SHARE = 1 / 3  # of the exposure that brings it about, in the result
 PERCENTILES = (50.0, 75.0, 90.0, 95.0, 98.0, 99.5, 99.9)  # of the largest channel
 FLOOR = 0.25 / 255 / 12.92  # a quarter of a level: the least light that is told apart

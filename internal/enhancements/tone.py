@@ -40,8 +40,8 @@ class Tone:
     neighbors: ClassVar[int] = 0
     whole_batch: ClassVar[bool] = True
 
-    contrast: float = 1.2  # slope in the log of light; metering.json is fitted with it
-    shoulder: float = 2.0  # the larger, the shorter; likewise
+    contrast: float = 1.3  # slope in the log of light; metering.json is fitted with it
+    shoulder: float = 1.5  # the larger, the shorter; likewise
     stops: float | None = None  # exposure; None: metered from the training photos
     colorfulness: float = 1.0  # weight of its loss, which teaches the saturation
     least_colorfulness: float = 0.14  # sRGB
@@ -78,8 +78,8 @@ class Curve:
 
     stops: Float[Array, ""] | float  # exposure: linear light times 2^stops
     saturation: Float[Array, ""]  # factor of what is not gray, 1 to MOST_SATURATION
-    contrast: float = struct.field(default=1.2, pytree_node=False)
-    shoulder: float = struct.field(default=2.0, pytree_node=False)
+    contrast: float = struct.field(default=1.3, pytree_node=False)
+    shoulder: float = struct.field(default=1.5, pytree_node=False)
 
 
 class ToneNetwork(nn.Module):

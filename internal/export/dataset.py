@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from internal.cameras import Lens
-from internal.export import ply
-from internal.files import image_io
+from internal.files import image_io, ply
 from internal.scene import colmap
 
 POINTS_FILE = "points.ply"

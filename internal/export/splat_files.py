@@ -18,9 +18,8 @@ from jaxtyping import ArrayLike, Float
 
 from internal.color import srgb_to_linear
 from internal.errors import UserError
-from internal.export import ply
 from internal.export.splats import SH0, Splats
-from internal.files import atomic
+from internal.files import atomic, ply
 
 EXTENSION = "KHR_gaussian_splatting"
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942

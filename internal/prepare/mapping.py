@@ -15,7 +15,8 @@ from jaxtyping import Float, Int
 from tqdm import tqdm
 
 from internal import progress
-from internal.prepare.matching import MAX_FEATURES, SEED, view_of
+from internal.cameras import Lens
+from internal.prepare.matching import MAX_FEATURES, SEED, copy_name, view_of
 from internal.prepare.room import room
 from internal.scene import colmap
 
@@ -89,6 +90,35 @@ def map_globally(database: Path, work: Path, views: int) -> list[Model]:
     )
     with room(work, views * MAX_FEATURES * BYTES_PER_FEATURE):
         return _by_size(pycolmap.global_mapping(database, work, _output(work), options))
+
+
+def triangulate(
+    database: Path,
+    work: Path,
+    lenses: Sequence[Lens],
+    camtoworlds: Float[np.ndarray, "n 3 4"],
+) -> Float[np.ndarray, "m 3"]:
+    """Points that the matches show under given cameras, which stay as they are.
+
+    Args:
+        lenses: of the views' copies.
+        camtoworlds: of the views, OpenGL.
+    """
+    posed = colmap.reconstruction(
+        [copy_name(view) for view in range(len(lenses))], lenses, camtoworlds
+    )
+    options = pycolmap.IncrementalPipelineOptions(
+        num_threads=1, random_seed=SEED, extract_colors=False
+    )
+    with pycolmap.Database.open(database) as opened:  # it was matched without lenses
+        for camera in posed.cameras.values():
+            opened.update_camera(camera)
+    with room(work, len(lenses) * MAX_FEATURES * BYTES_PER_FEATURE):
+        found = pycolmap.triangulate_points(
+            posed, database, work, _output(work), options=options
+        )
+    points = [found.point3D(number).xyz for number in sorted(found.point3D_ids())]
+    return np.array(points, np.float64).reshape(-1, 3)
 
 
 def without(model: Model, views: Collection[int]) -> Model:

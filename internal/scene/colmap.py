@@ -11,6 +11,7 @@ leaves this module is OpenGL (x right, y up, z backwards). Pixel coordinates are
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -239,6 +240,27 @@ def read_model(folder: Path) -> Reconstruction:
     )
 
 
+def reconstruction(
+    names: Sequence[str],
+    lenses: Sequence[Lens],
+    camtoworlds: Float[np.ndarray, "n 3 4"],
+) -> pycolmap.Reconstruction:
+    """pycolmap's twin of posed views without points; numbers count from 1."""
+    written = pycolmap.Reconstruction()
+    camera_ids = {lens: i for i, lens in enumerate(dict.fromkeys(lenses), 1)}
+    for lens, camera_id in camera_ids.items():
+        camera = _camera(lens)
+        camera.camera_id = camera_id
+        written.add_camera_with_trivial_rig(camera)
+    views = zip(names, lenses, camtoworlds, strict=True)
+    for image_id, (name, lens, camtoworld) in enumerate(views, 1):
+        opencv = camtoworld * np.append(OPENGL_FROM_OPENCV, 1.0)
+        image = pycolmap.Image(name=name, camera_id=camera_ids[lens], image_id=image_id)
+        cam_from_world = pycolmap.Rigid3d(opencv).inverse()
+        written.add_image_with_trivial_frame(image, cam_from_world)
+    return written
+
+
 def write_model(
     folder: Path, model: Reconstruction, colors: UInt8[np.ndarray, "m 3"]
 ) -> None:
@@ -247,18 +269,7 @@ def write_model(
     Args:
         colors: of the model's points, which no image is said to observe.
     """
-    written = pycolmap.Reconstruction()
-    camera_ids = {lens: i for i, lens in enumerate(dict.fromkeys(model.lenses), 1)}
-    for lens, camera_id in camera_ids.items():
-        camera = _camera(lens)
-        camera.camera_id = camera_id
-        written.add_camera_with_trivial_rig(camera)
-    views = zip(model.names, model.lenses, model.camtoworlds, strict=True)
-    for image_id, (name, lens, camtoworld) in enumerate(views, 1):
-        opencv = camtoworld * np.append(OPENGL_FROM_OPENCV, 1.0)
-        image = pycolmap.Image(name=name, camera_id=camera_ids[lens], image_id=image_id)
-        cam_from_world = pycolmap.Rigid3d(opencv).inverse()
-        written.add_image_with_trivial_frame(image, cam_from_world)
+    written = reconstruction(model.names, model.lenses, model.camtoworlds)
     for point, color in zip(model.points, colors, strict=True):
         written.add_point3D(point, pycolmap.Track(), color)
     written.write_text(str(folder))

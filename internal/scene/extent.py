@@ -74,6 +74,14 @@ def find_bounds(
     return Bounds(near, far, source, guessed)
 
 
+def knows_depths(
+    files: SceneFiles, lenses: tuple[Lens, ...], is_train: Bool[np.ndarray, " n"]
+) -> bool:
+    """Whether the files state near and far, or have points that tell them."""
+    found = _bounds_from_file(files) or _bounds_from_points(files, lenses, is_train)
+    return found is not None
+
+
 def _bounds_from_cameras(files: SceneFiles) -> Bounds:
     """A wide range around the place that the cameras look at, where nothing else says
     how deep the scene is; for ``contract``, whose samples are even in 1 / depth."""
@@ -154,7 +162,7 @@ def _bounds_from_points(
     return Bounds(
         float(nears.min() / DEPTH_MARGIN),
         float(fars.max() * DEPTH_MARGIN),
-        f"from {len(files.points)} sparse points",
+        f"from {len(files.points)} {files.points_source}",
     )
 
 

@@ -17,6 +17,7 @@ from internal.files.listing import composed, list_pictures, say_once
 from internal.scene.surface_normals import why_no_truth
 
 DARK_FOLDER = "low"
+PAIR_BY = ("name", "number", "order")  # from strict to loose
 TRUTH_FOLDERS = ("high", "normal", "gt", "images_normal")
 
 
@@ -71,16 +72,55 @@ def dark_twin(path: Path) -> Path:
     return dark / path.name if has_twin else path
 
 
+def pair_poses(
+    names: Sequence[str], folder: Path, pair_by: str, pose_file: Path
+) -> dict[str, Path]:
+    """The picture in a folder that the user chose for each posed view; prints how.
+
+    By name as ``match_by_name`` does; where that is not enough, views and pictures
+    may pair by the one number in their names or by order, as far as ``pair_by`` (of
+    ``PAIR_BY``) allows.
+
+    Raises:
+        UserError: a view has no picture, or ``pair_by`` is unknown.
+    """
+    if pair_by not in PAIR_BY:
+        raise UserError(
+            f"Config.pair_by = {pair_by!r}: expected one of {', '.join(PAIR_BY)}"
+        )
+    listed = list_pictures(folder)
+    matched = match_by_name(names, listed)
+    if len(matched) == len(names):
+        return {name: folder / matched[name] for name in names}
+    if pair_by == "name":
+        lonely = next(name for name in names if name not in matched)
+        raise UserError(
+            f"{folder}: {lonely!r} of {pose_file} is not among its {len(listed)} "
+            f"pictures, e.g. {listed[0]!r}; give them the names of the photos, or "
+            "allow other pairs with Config.pair_by = 'number' or 'order'"
+        )
+    paths, rule = pair_by_name(names, folder, by_order=pair_by == "order")
+    say_once(
+        f"{folder}: paired with the poses of {pose_file} by {rule}, as Config.pair_by "
+        f"allows: {names[0]} -> {paths[0].name}, {names[-1]} -> {paths[-1].name}"
+    )
+    return dict(zip(names, paths, strict=True))
+
+
 def pair_by_name(
-    names: Sequence[str], folder: Path, population: Sequence[str] = ()
+    names: Sequence[str],
+    folder: Path,
+    population: Sequence[str] = (),
+    *,
+    by_order: bool = True,
 ) -> tuple[tuple[Path, ...], str]:
     """Finds the partner of each name in a folder, and says by which rule.
 
     One rule pairs all names: the first of equal names, equal stems, stems equal
     up to case, the same single number in the file name ("enh_1.png" and "1.JPG"),
-    or the same place in natural order. The last only where both sides count
-    alike; ``population`` names the pictures on the side of ``names`` that have no
-    pose, which also take a place.
+    or the same place in natural order. The last only if ``by_order`` and where both
+    sides count alike; ``population`` names the pictures on the side of ``names`` that
+    have no pose, which also take a place.
 
     Raises:
         UserError: no rule gives every name one partner of its own.
@@ -91,15 +131,16 @@ def pair_by_name(
         if partners:
             return tuple(folder / partner for partner in partners), rule
     everyone = sorted({*names, *population}, key=_natural)
-    if len(everyone) == len(candidates):
+    if by_order and len(everyone) == len(candidates):
         place = dict(zip(everyone, sorted(candidates, key=_natural), strict=True))
         return tuple(folder / place[name] for name in names), "sorted order"
     stems = {_folded(candidate) for candidate in candidates}
     lonely = [name for name in names if _folded(name) not in stems] or list(names)
+    alike = "file names, or the same number of pictures" if by_order else "file names"
     raise UserError(
         f"{folder}: cannot pair its {len(candidates)} pictures with {len(everyone)} "
         f"views by name, e.g. {lonely[0]!r} has no partner and {candidates[0]!r} is "
-        "there; give both the same file names, or the same number of pictures"
+        f"there; give both the same {alike}"
     )
 
 

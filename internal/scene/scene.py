@@ -10,7 +10,7 @@ an area average keeps the precision it gained.
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,13 @@ from internal.files.picture_store import Picture, hold
 from internal.poses import transform_poses
 from internal.scene import readers
 from internal.scene.colmap import lens_table
-from internal.scene.extent import Bounds, Frame, choose_frame, find_bounds
+from internal.scene.extent import (
+    Bounds,
+    Frame,
+    choose_frame,
+    find_bounds,
+    knows_depths,
+)
 from internal.scene.identity import Identity, identify
 from internal.scene.loading import (
     GAINS_FILE,
@@ -37,6 +43,7 @@ from internal.scene.loading import (
     load_gains,
     load_picture,
     load_truth,
+    warn_of_one_place,
 )
 from internal.scene.masks import Mask, everything, load_masks, masked_share, report
 from internal.scene.noise import Noise, noise_of_files
@@ -45,6 +52,7 @@ from internal.scene.readers.base import SceneFiles
 # LOM's dark pictures average 0.05 to 0.1 in sRGB, their normal-light twins 0.5.
 BRIGHT_MEAN = 0.35
 SPLITS = ("train", "test")
+FindPoints = Callable[[SceneFiles, Sequence[int]], Float[np.ndarray, "m 3"]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,6 +112,7 @@ def load_scene(
     dataset_loader: str = "auto",
     factor: int = 1,
     images_dir: str = "",
+    pair_by: str = "name",
     gt_dir: str = "",
     near: float = 0.0,
     far: float = 0.0,
@@ -113,6 +122,7 @@ def load_scene(
     photo_gains: bool = True,
     unrounded: bool = False,
     max_image_memory: float = np.inf,
+    find_points: FindPoints | None = None,
 ) -> Scene:
     """Loads one split of a scene and prints what was found and how.
 
@@ -126,6 +136,8 @@ def load_scene(
         factor: pictures shrink by it, by area average of their sRGB values.
         images_dir: folder in ``data_dir`` to take the input pictures from instead
             of the one the pose file states.
+        pair_by: how those pictures may find their poses: "name"; "number", also by
+            the one number in their names; "order", also by order.
         gt_dir: folder of normal-light truth, absolute or in ``data_dir``; "" looks
             beside the dark pictures (``pairing.TRUTH_FOLDERS``).
         near: depth before which there is nothing, in the pose file's units; 0 takes
@@ -143,15 +155,18 @@ def load_scene(
             photos (``internal/scene/unround.py``); test photos stay as they are.
         max_image_memory: gigabytes of pictures to keep in memory; more lie in a
             temporary file.
+        find_points: asked for points, from the views that are trained on, where
+            nothing else says how deep the scene is.
 
     Raises:
         UserError: anything about the input that the user has to fix.
     """
     if split not in SPLITS:
         raise UserError(f"unknown split {split!r}; choose {' or '.join(SPLITS)}")
-    files = readers.read_files(data_dir, dataset_loader, images_dir)
+    files = readers.read_files(data_dir, dataset_loader, images_dir, pair_by)
     check_poses(files)
     check_lenses(files)
+    warn_of_one_place(files)
     lenses = fit_lenses(files, factor)
     is_test = held_out(files, holdout)
     trained = int((~is_test).sum())
@@ -159,6 +174,12 @@ def load_scene(
         raise UserError(
             f"{data_dir}: {trained} training views of {len(is_test)}; expected at "
             "least 2: add photos, or hold out fewer for testing (Config.holdout)"
+        )
+    is_known = bool(near and far) or knows_depths(files, lenses, ~is_test)
+    if find_points and not is_known:
+        points = find_points(files, np.flatnonzero(~is_test).tolist())
+        files = dataclasses.replace(
+            files, points=points, points_source="points found in the photos"
         )
     bounds = find_bounds(files, lenses, ~is_test, near, far)
     frame = choose_frame(files, lenses, bounds, projection, end_at_far)
@@ -220,6 +241,11 @@ def load_scene(
     )
     _report(scene, files, is_test, bounds, frame, truth)
     report(masks)
+    if scene.brightness == 0.0:
+        raise UserError(
+            f"{scene.image_paths[0].parent}: all {len(scene.images)} photos are black, "
+            "without a pixel above 0: there is no light to bring out"
+        )
     if not images_dir:  # else the user chose, and LLE + NeRF chooses bright photos
         _warn_of_normal_light(scene)
     return scene
@@ -257,7 +283,7 @@ def _report(
         f"  pictures: {', '.join(sorted(sizes))} pixels, {', '.join(sorted(models))} "
         f"lens, mean brightness {255 * scene.brightness:.1f} of 255\n"
         f"  depth: near {bounds.near:.4g}, far {bounds.far:.4g} ({bounds.source}), "
-        f"{len(files.points)} sparse points\n"
+        f"{len(files.points)} points\n"
         f"  projection: {frame.reason}\n"
         f"  exposures: {_describe_gains(scene.gains)}\n"
         f"  truth: {truth.reason}"

@@ -4,18 +4,11 @@
 The optional extra ``metrics`` brings the package. Colours are sRGB in [0, 1].
 """
 
-import importlib.util
-
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from internal.errors import UserError
-
-
-def available() -> bool:
-    """Whether the extra ``metrics`` is installed."""
-    return importlib.util.find_spec("skimage") is not None
+from internal import extras
 
 
 def ciede2000(
@@ -30,8 +23,7 @@ def ciede2000(
     Raises:
         UserError: the extra ``metrics`` is not installed.
     """
-    if not available():
-        raise UserError("CIEDE2000 needs scikit-image: run pip install -e '.[metrics]'")
+    extras.need("metrics", "skimage", to="CIEDE2000")
     from skimage import color
 
     pair = [color.rgb2lab(np.asarray(srgb, np.float64)) for srgb in (prediction, truth)]

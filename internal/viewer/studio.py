@@ -14,8 +14,9 @@ from internal.configs import Config
 from internal.enhancements.look import NEUTRAL, LightEdit, Look
 from internal.models import Model
 from internal.rendering.evidence import explained_outputs
-from internal.rendering.pictures import Display, display_for
+from internal.rendering.pictures import display_for
 from internal.rendering.renderer import Renderer
+from internal.scene import colmap
 from internal.scene.scene import Scene
 from internal.structs import LitRendering, Params, Rendering
 from internal.training.checkpoints import Checkpoints, load_trained
@@ -23,24 +24,17 @@ from internal.viewer.free_camera import FreeCamera, single_camera, vertical_fov
 from internal.viewer.inquiry import Inquiry
 from internal.viewer.jobs import Speedometer, Task
 from internal.viewer.sharing import Turns
+from internal.viewer.trained import Trained
 
 # A chunk is the time nothing else happens in, so it is short; a call's overhead sets
 # the lower limit.
+NEIGHBOURS = 12  # photos that are asked whether they show what is seen
 LARGEST_CHUNK = 4096
 FIRST_GUESS_OF_SPEED = 10_000.0  # rays per second, until there is a measurement
 # A draft for a moving camera takes so many times fewer samples of each ray. On LOM
 # chair half of them render 1.8 times the rays per second, 38 dB from the whole; a
 # third of them 2.5 times, 35 dB.
 FEWER_SAMPLES = 2
-
-
-@dataclasses.dataclass(frozen=True)
-class Trained:
-    """A checkpoint that can be shown."""
-
-    params: Params
-    step: int
-    display: Display  # of the first view, as in render.py
 
 
 class Studio:
@@ -99,6 +93,24 @@ class Studio:
         return int(
             np.argmin(apart / self.spread() + np.arccos(np.clip(cosines, -1, 1)))
         )
+
+    def photographed(
+        self, points: Float[np.ndarray, "n 3"], camtoworld: Float[np.ndarray, "3 4"]
+    ) -> float:
+        """The share of points that one of the ``NEIGHBOURS`` photos taken nearest to a
+        camera may show; what stands before them is not asked."""
+        poses = np.asarray(self.scene.cameras.camtoworlds, np.float64)
+        apart = np.linalg.norm(poses[:, :, 3] - camtoworld[:, 3], axis=-1)
+        in_front = (camtoworld[:, 3] - points) @ camtoworld[:, 2] > 0.0
+        seen = np.zeros(len(points), bool)
+        for view in apart.argsort()[:NEIGHBOURS]:
+            lens, pose = self.scene.lenses[view], poses[view]
+            local = (points - pose[:, 3]) @ pose[:, :3]
+            ahead = local[:, 2] < 0.0
+            pixels = colmap.project(lens, np.where(ahead[:, None], local, [0, 0, -1]))
+            inside = (pixels >= 0.0) & (pixels <= [lens.width, lens.height])
+            seen |= ahead & inside.all(axis=-1)
+        return float((seen & in_front).mean())
 
     def spread(self) -> float:
         """How far apart the photos were taken, model units."""

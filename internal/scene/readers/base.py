@@ -28,20 +28,22 @@ class SceneFiles:
     image_paths: tuple[Path, ...]  # dark input pictures
     lenses: tuple[Lens, ...]  # at the size the pose file states
     camtoworlds: Float[np.ndarray, "n 3 4"]  # OpenGL
-    points: Float[np.ndarray, "m 3"]  # sparse points in the same frame; m may be 0
+    points: Float[np.ndarray, "m 3"]  # points in the same frame; m may be 0
     bounds: Float[np.ndarray, "b 2"]  # near, far along the axis: b is 0, 1 or n
     test_names: frozenset[str] | None  # None: the files state no split
     mask_paths: tuple[Path | None, ...]  # None: no file masks the view
     upright: bool = True  # poses mean photos turned by EXIF, else pixels as stored
+    points_source: str = "sparse points"  # what the points are, for messages
     transparent_is_black: bool = False  # else what a photo has transparent is masked
 
 
 @dataclasses.dataclass(frozen=True)
 class Reader:
-    """One scene format. ``read`` takes the scene's folder and the name of the
-    folder in it to take pictures from ("" for the one the format states)."""
+    """One scene format. ``read`` takes the scene's folder, the name of the folder in
+    it to take pictures from ("" for the one the format states), and how these may
+    find their poses (of ``pairing.PAIR_BY``)."""
 
     name: str
     looked_for: str  # what makes a folder a scene of this format, for messages
     matches: Callable[[Path], bool]
-    read: Callable[[Path, str], SceneFiles]
+    read: Callable[[Path, str, str], SceneFiles]

@@ -13,7 +13,7 @@ from internal.errors import UserError
 from internal.files.listing import list_pictures, say_once
 from internal.scene.colmap import MODEL_ROOTS, find_model, find_models, read_model
 from internal.scene.mask_files import find_masks
-from internal.scene.pairing import find_input_folder, match_by_name, pair_by_name
+from internal.scene.pairing import find_input_folder, match_by_name, pair_poses
 from internal.scene.readers.base import Reader, SceneFiles
 
 SHOWN = 10  # names in a message
@@ -23,7 +23,7 @@ def matches(data_dir: Path) -> bool:
     return bool(find_models(data_dir))
 
 
-def read(data_dir: Path, images_dir: str) -> SceneFiles:
+def read(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles:
     """Reads the registered images; photos that COLMAP could not place are left out.
 
     Raises:
@@ -34,7 +34,7 @@ def read(data_dir: Path, images_dir: str) -> SceneFiles:
         raise UserError(f"{data_dir}: no COLMAP model; looked for {COLMAP.looked_for}")
     model = read_model(folder)
     pictures = find_input_folder(data_dir, images_dir)
-    paths = _pair(folder, model.names, pictures, bool(images_dir))
+    paths = _pair(folder, model.names, pictures, pair_by)
     kept = [view for view, name in enumerate(model.names) if name in paths]
     return SceneFiles(
         format=COLMAP.name,
@@ -52,23 +52,22 @@ def read(data_dir: Path, images_dir: str) -> SceneFiles:
 
 
 def _pair(
-    folder: Path, names: Sequence[str], pictures: Path, is_chosen: bool
+    folder: Path, names: Sequence[str], pictures: Path, pair_by: str
 ) -> dict[str, Path]:
     """The picture of each pose, by name; says which have none, either way.
 
-    In a folder that the user chose, where no name fits, pictures may be renamed.
+    Where no name fits, pictures pair in other ways if ``pair_by`` allows it.
     """
     listed = list_pictures(pictures)
     matched = match_by_name(names, listed)
-    if not matched and is_chosen:
-        paths, rule = pair_by_name(names, pictures)
-        say_once(f"{pictures}: paired with the poses of {folder} by {rule}")
-        return dict(zip(names, paths, strict=True))
+    if not matched and pair_by != "name":
+        return pair_poses(names, pictures, pair_by, folder)
     if not matched:
         raise UserError(
             f"{pictures}: none of its {len(listed)} pictures, e.g. {listed[0]!r}, is "
             f"named in {folder}, e.g. {names[0]!r}; copy the photos that COLMAP read, "
-            "under their names"
+            "under their names, or allow other pairs with Config.pair_by = 'number' "
+            "or 'order'"
         )
     gone = [name for name in names if name not in matched]
     if gone:

@@ -4,7 +4,8 @@
 Each row holds a 3x5 matrix and two depths. The matrix has the camera's down,
 right and backward axes, its centre, and (height, width, focal length) in pixels
 of the full-size photos, as stored: the EXIF orientation does not count. Row i
-belongs to the i-th picture in order of names.
+belongs to the i-th picture in order of names: the file names none, so their order is
+what pairs them, and it is printed.
 """
 
 from pathlib import Path
@@ -14,7 +15,7 @@ from jaxtyping import Float
 
 from internal.cameras import Lens
 from internal.errors import UserError, one_line
-from internal.files.listing import list_pictures
+from internal.files.listing import list_pictures, say_once
 from internal.scene.mask_files import find_masks
 from internal.scene.pairing import find_input_folder
 from internal.scene.readers.base import Reader, SceneFiles
@@ -27,8 +28,9 @@ def matches(data_dir: Path) -> bool:
     return (data_dir / POSES_FILE).is_file()
 
 
-def read(data_dir: Path, images_dir: str) -> SceneFiles:
-    """Reads the poses and pairs them with the pictures of a folder.
+def read(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles:
+    """Reads the poses and pairs them with the pictures of a folder, in order whatever
+    ``pair_by`` says.
 
     Raises:
         UserError: the file is broken, or poses and pictures do not count alike.
@@ -43,6 +45,10 @@ def read(data_dir: Path, images_dir: str) -> SceneFiles:
             "poses belong to pictures by sorted order, so the counts must agree: "
             "remove the pictures that have no pose"
         )
+    say_once(
+        f"{poses_path}: its {len(rows)} poses carry no names: they are paired by order "
+        f"with the pictures of {folder}, from {names[0]} to {names[-1]}"
+    )
     matrices = rows[:, :15].reshape(-1, 3, 5)
     return SceneFiles(
         format=LLFF.name,

@@ -9,9 +9,9 @@ synthetic scenes, LOM, RealX3D). ``val`` is read only where there is no ``test``
 Both: OpenGL camera-to-world matrices; intrinsics in pixels of the stated ``w`` by
 ``h``, global or per frame, or ``camera_angle_x`` alone; ``near`` and ``far`` as
 optional depths; ``mask_path`` per frame. A picture listed in a normal-light folder
-stands for its dark twin. Sparse points come from a COLMAP model beside the file, moved
-by the similarity that takes its camera centres to the JSON's; so files that state an
-``applied_transform`` need no special case.
+stands for its dark twin. Points are those of ``ply_file_path``, in the JSON's frame;
+else those of a COLMAP model beside the file, moved by the similarity that takes its
+camera centres to the JSON's: an ``applied_transform`` needs no special case.
 """
 
 import dataclasses
@@ -28,21 +28,24 @@ from jaxtyping import Float
 
 from internal import poses
 from internal.cameras import Lens
-from internal.errors import UserError
-from internal.files import image_io
-from internal.files.listing import composed, find_file, is_metadata
+from internal.errors import UserError, one_line
+from internal.files import image_io, ply
+from internal.files.listing import composed, find_file, is_metadata, say_once
 from internal.scene import colmap
 from internal.scene.mask_files import find_masks
-from internal.scene.pairing import dark_twin, pair_by_name
+from internal.scene.pairing import dark_twin, pair_poses
 from internal.scene.readers.base import Reader, SceneFiles
 
 SPLIT_FILE = "transforms_{}.json"
 SINGLE_FILE = "transforms.json"
 LARGEST_NUMBER = 1e9  # of pixels or depths; also finite
+MOST_POINTS = 200_000  # of a dense cloud, evenly chosen
 WORST_FIT = 0.01  # of the spread of the camera centres
 WORST_AXES = 0.05  # between unit vectors: 3 degrees
 PERSPECTIVE_TERMS = ("k1", "k2", "p1", "p2")
 RATIONAL_TERMS = (*PERSPECTIVE_TERMS, "k3", "k4", "k5", "k6")
+SHOWN = 5  # names in a message
+LAST_ROW = (0.0, 0.0, 0.0, 1.0)
 FISHEYE_TERMS = ("k1", "k2", "k3", "k4")
 FISHEYE_MODELS = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 PERSPECTIVE_MODELS = (
@@ -69,7 +72,7 @@ def _matches_nerfstudio(data_dir: Path) -> bool:
     return (data_dir / SINGLE_FILE).is_file()
 
 
-def read_blender(data_dir: Path, images_dir: str) -> SceneFiles:
+def read_blender(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles:
     """Reads one JSON file per split.
 
     Raises:
@@ -79,11 +82,18 @@ def read_blender(data_dir: Path, images_dir: str) -> SceneFiles:
     held_out = next((s for s in ("test", "val") if paths[s].is_file()), None)
     frames = _read_frames(paths["train"], is_test=False)
     if held_out:
+        training = {frame.image_path for frame in frames}
         frames += _read_frames(paths[held_out], is_test=True)
-    return _scene_files(BLENDER.name, data_dir, images_dir, frames)
+        both = training & {frame.image_path for frame in frames if frame.is_test}
+        if both:
+            say_once(
+                f"WARNING: {paths[held_out]}: {len(both)} of its views are in "
+                f"{paths['train'].name} too: held out, not trained on"
+            )
+    return _scene_files(BLENDER.name, data_dir, images_dir, pair_by, frames)
 
 
-def read_nerfstudio(data_dir: Path, images_dir: str) -> SceneFiles:
+def read_nerfstudio(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles:
     """Reads one JSON file for all views.
 
     Raises:
@@ -108,7 +118,7 @@ def read_nerfstudio(data_dir: Path, images_dir: str) -> SceneFiles:
             f"{data_dir / SINGLE_FILE}: train_filenames and test_filenames name no "
             "file_path of its frames; write them alike"
         )
-    return _scene_files(NERFSTUDIO.name, data_dir, images_dir, frames)
+    return _scene_files(NERFSTUDIO.name, data_dir, images_dir, pair_by, frames)
 
 
 def _read_frames(path: Path, is_test: bool) -> list[_Frame]:
@@ -157,7 +167,11 @@ def locate(folder: Path, listed: str) -> Path:
 
 
 def _scene_files(
-    name: str, data_dir: Path, images_dir: str, frames: Sequence[_Frame]
+    name: str,
+    data_dir: Path,
+    images_dir: str,
+    pair_by: str,
+    frames: Sequence[_Frame],
 ) -> SceneFiles:
     if not images_dir:
         frames = _with_pictures(frames)
@@ -165,14 +179,19 @@ def _scene_files(
             dataclasses.replace(frame, image_path=_find_picture(frame))
             for frame in frames
         ]
+        _name_unlisted(frames)
     # A picture listed for training and for testing is held out: the last one wins.
     unique = {frame.image_path: frame for frame in frames}
+    _check_repeated(unique, frames)
     by_name = dict(sorted(zip(_names(unique, data_dir), unique.values(), strict=True)))
     names = tuple(by_name)
     image_paths = tuple(frame.image_path for frame in by_name.values())
     if images_dir:
-        image_paths, _ = pair_by_name(names, data_dir / images_dir)
+        chosen = data_dir / images_dir
+        paths = pair_poses(names, chosen, pair_by, frames[0].json_path)
+        image_paths = tuple(paths[name] for name in names)
     camtoworlds = np.stack([_camtoworld(frame) for frame in by_name.values()])
+    points, points_source = _points(data_dir, frames, names, camtoworlds)
     test_names = frozenset(n for n, frame in by_name.items() if frame.is_test)
     lenses = tuple(_lens(frame) for frame in by_name.values())
     return SceneFiles(
@@ -182,13 +201,46 @@ def _scene_files(
         image_paths=image_paths,
         lenses=lenses,
         camtoworlds=camtoworlds,
-        points=_sparse_points(data_dir, names, camtoworlds),
+        points=points,
         bounds=_bounds(frames),
         test_names=test_names or None,
         mask_paths=_masks(data_dir, tuple(by_name.values())),
         upright=_means_upright(image_paths, lenses),
+        points_source=points_source,
         transparent_is_black=name == BLENDER.name,
     )
+
+
+def _name_unlisted(frames: Sequence[_Frame]) -> None:
+    """Names the pictures beside those of the frames that no frame lists."""
+    listed = {frame.image_path.name for frame in frames}
+    for folder in sorted({frame.image_path.parent for frame in frames}):
+        beside = sorted(
+            path.name
+            for path in folder.iterdir()
+            if image_io.is_image(path) and path.is_file() and not is_metadata(path)
+        )
+        unlisted = [name for name in beside if name not in listed]
+        if unlisted:
+            more = f" and {len(unlisted) - SHOWN} more" if len(unlisted) > SHOWN else ""
+            say_once(
+                f"{folder}: {len(unlisted)} of {len(beside)} pictures are in no frame "
+                f"of {frames[0].json_path.name}: {', '.join(unlisted[:SHOWN])}{more} "
+                "left out"
+            )
+
+
+def _check_repeated(unique: Mapping[Path, _Frame], frames: Sequence[_Frame]) -> None:
+    """Refuses a picture that is listed twice with two poses."""
+    for frame in frames:
+        last = unique[frame.image_path]
+        if last is frame:
+            continue
+        if not np.allclose(_camtoworld(last), _camtoworld(frame)):
+            raise UserError(
+                f"{frame.json_path}: {frame.image_path} is listed with two different "
+                "poses; remove the wrong one"
+            )
 
 
 def _means_upright(paths: Sequence[Path], lenses: Sequence[Lens]) -> bool:
@@ -296,18 +348,31 @@ def _alike(frame: _Frame) -> Path | None:
         and other.is_file()
         and not is_metadata(other)
     )
+    named = composed(path.name).casefold()
+    alike = [other for other in alike if other.name.casefold() == named] or alike
+    if len(alike) > 1:
+        raise UserError(
+            f"{path}: not there, and {alike[0].name} and {alike[1].name} could both be "
+            f"meant; write its ending into {frame.json_path}"
+        )
     return alike[0] if alike else None
 
 
 def _camtoworld(frame: _Frame) -> Float[np.ndarray, "3 4"]:
     try:
         matrix = np.array(frame.values.get("transform_matrix"), np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         matrix = np.empty(0)
     if matrix.shape not in ((3, 4), (4, 4)):
         raise UserError(
             f"{frame.json_path}: transform_matrix of {frame.image_path.name} is not a "
             "4x4 camera-to-world matrix"
+        )
+    if not np.allclose(matrix[3:], LAST_ROW, atol=1e-4):
+        raise UserError(
+            f"{frame.json_path}: the last row of transform_matrix of "
+            f"{frame.image_path.name} is {matrix[3].tolist()}; expected 0, 0, 0, 1 "
+            "(camera to world, the position in the last column): transpose it"
         )
     return matrix[:3]
 
@@ -365,6 +430,11 @@ def _focal_lengths(frame: _Frame, width: int, height: int) -> tuple[float, float
     only one is stated."""
     stated = []
     for axis, pixels in (("x", width), ("y", height)):
+        if _number(frame, f"fl_{axis}", 1.0) <= 0.0:
+            raise UserError(
+                f"{frame.json_path}: fl_{axis} of {frame.image_path.name} is "
+                f"{frame.values[f'fl_{axis}']:g}; expected pixels, above 0"
+            )
         fov = _number(frame, f"camera_angle_{axis}", 0.0)
         if not 0.0 <= fov < math.pi:
             raise UserError(
@@ -397,6 +467,31 @@ def _bounds(frames: Sequence[_Frame]) -> Float[np.ndarray, "b 2"]:
     if not all({"near", "far"} <= frame.values.keys() for frame in frames):
         return np.empty((0, 2))
     return np.array([[_number(f, key, 0.0) for key in ("near", "far")] for f in frames])
+
+
+def _points(
+    data_dir: Path,
+    frames: Sequence[_Frame],
+    names: Sequence[str],
+    camtoworlds: Float[np.ndarray, "n 3 4"],
+) -> tuple[Float[np.ndarray, "m 3"], str]:
+    """Points in the JSON's frame, and what they are. A cloud that cannot be read is
+    named and done without: points only say how deep the scene is."""
+    listed = {frame.values.get("ply_file_path"): frame.json_path for frame in frames}
+    for name, json_path in listed.items():
+        if not isinstance(name, str) or not name:
+            continue
+        path = find_file(locate(json_path.parent, name))
+        try:
+            rows = ply.read(path)
+            points = np.stack([rows[axis] for axis in "xyz"], -1).astype(np.float64)
+        except (UserError, ValueError) as error:
+            print(f"WARNING: {json_path}: ply_file_path not used: {one_line(error)}")
+            continue
+        points = points[np.isfinite(points).all(axis=-1)]
+        every = -(-len(points) // MOST_POINTS) or 1
+        return points[::every], f"points of {path.name}"
+    return _sparse_points(data_dir, names, camtoworlds), "sparse points"
 
 
 def _sparse_points(

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Points of a scene whose files say nothing of its depth: triangulated from its photos
+with the poses as given, by ``prepare.py``'s brightened copies and matches.
+
+They take a minute or more, so they are kept in a file beside the scene, or in the run's
+folder where that cannot be written; it holds for these photos, poses and lenses alone.
+"""
+
+import contextlib
+import hashlib
+import json
+import tempfile
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from internal.errors import UserError, one_line
+from internal.files import atomic, image_io
+from internal.prepare import attempts, mapping, matching
+from internal.prepare.brighten import copy_size
+from internal.prepare.checks import rests_on_points
+from internal.prepare.matching import Copy
+from internal.scene import colmap
+from internal.scene.readers.base import SceneFiles
+
+POINTS_FILE = "points_from_photos.npz"
+VERSION = 1  # counts changes of how points are found
+WAYS = (attempts.WAYS[0], attempts.WAYS[2])
+NOTHING = np.empty((0, 3))
+
+
+def find_points(
+    files: SceneFiles, views: Sequence[int], folders: Sequence[Path]
+) -> Float[np.ndarray, "m 3"]:
+    """Points that the photos of some views show, in the pose file's frame; none where
+    too few are found to be trusted. Says which; shows progress.
+
+    Args:
+        folders: where they may be kept, the best first.
+
+    Raises:
+        UserError: a photo cannot be read, or the disk is full.
+    """
+    key = _key(files, views)
+    for path in (folder / POINTS_FILE for folder in folders):
+        points = _read(path, key)
+        if points is not None:
+            print(f"depth: {len(points)} points of the photos, kept in {path}")
+            return points
+    print(
+        f"depth: {files.pose_paths[0].name} states none and has no points: looking for "
+        "points in the photos, with its poses",
+        flush=True,
+    )
+    points = _triangulated(files, views)
+    for folder in folders:
+        with contextlib.suppress(UserError, OSError):
+            atomic.ensure_folder(folder)
+            with atomic.writing(folder / POINTS_FILE) as partial:
+                np.savez(partial, key=np.array(key), points=points)
+            print(f"  kept in {folder / POINTS_FILE}", flush=True)
+            break
+    return points
+
+
+def _triangulated(files: SceneFiles, views: Sequence[int]) -> Float[np.ndarray, "m 3"]:
+    """Points by the first of ``WAYS`` that finds enough of them, or none."""
+    if any(not colmap.has_depth(files.lenses[view]) for view in views):
+        print("  lenses that see sideways: no points", flush=True)
+        return NOTHING
+    paths = [files.image_paths[view] for view in views]
+    sizes = [copy_size(*image_io.read_size(path, files.upright)) for path in paths]
+    lenses = [
+        colmap.scale_lens(files.lenses[view], *size)
+        for view, size in zip(views, sizes, strict=True)
+    ]
+    numbers = {lens: str(i) for i, lens in enumerate(dict.fromkeys(lenses))}
+    copies = [Copy(lens.width, lens.height, numbers[lens], 0.0) for lens in lenses]
+    pairs = matching.choose_pairs(
+        len(views), exhaustive=len(views) <= matching.EXHAUSTIVE_UP_TO
+    )
+    for way in WAYS:
+        with tempfile.TemporaryDirectory() as folder:
+            work = Path(folder)
+            database = work / "database.db"
+            attempts.make_copies(
+                way.recipe,
+                len(paths),
+                lambda view: image_io.read_srgb(paths[view], files.upright),
+                work,
+            )
+            matching.extract_features(database, work, copies, way.peak_threshold)
+            matching.match(database, pairs)
+            camtoworlds = files.camtoworlds[list(views)]
+            points = mapping.triangulate(database, work, lenses, camtoworlds)
+        print(f"  {way.name}: {len(points)} points", flush=True)
+        if rests_on_points(len(points), len(views)):
+            return points
+    print("  too few to say how deep the scene is", flush=True)
+    return NOTHING
+
+
+def _key(files: SceneFiles, views: Sequence[int]) -> str:
+    """Of all that the points depend on."""
+    digest = hashlib.sha256(json.dumps([VERSION, files.upright]).encode())
+    for view in views:
+        lens = files.lenses[view]
+        lens_and_pose = [lens.model, lens.width, lens.height, *lens.params]
+        lens_and_pose += np.ravel(files.camtoworlds[view]).tolist()
+        digest.update(json.dumps(lens_and_pose).encode())
+        digest.update(files.image_paths[view].read_bytes())
+    return digest.hexdigest()
+
+
+def _read(path: Path, key: str) -> Float[np.ndarray, "m 3"] | None:
+    """The points kept in a file, if they are of this key."""
+    try:
+        with np.load(path, allow_pickle=False) as kept:
+            if str(kept["key"]) != key:
+                return None
+            return np.asarray(kept["points"], np.float64).reshape(-1, 3)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        if path.exists():
+            print(f"{path}: not used ({one_line(error)})")
+        return None
