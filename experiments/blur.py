@@ -4,14 +4,14 @@
 python -m experiments.blur CAN OUT > table.md
 
 CAN is a COLMAP scene of steady photos. Every third one is taken at half size; a third
-of these, no test view among them, are moved along a line of 2 to 5 % of their height, in
-linear light, and all are darkened to a tenth. Sharpness is measured at the scene's own
-matches. A plain fast NeRF is trained on all photos, without those that prepare.py would
-leave out, and, as the bound, on the same photos had none been moved; its test views are
-scored against steady ones. Run again, it does what is missing.
+of these, no test view among them, are moved along a line of 2 to 5 % of their height,
+in linear light, and all are darkened to a tenth. Sharpness is measured at the scene's
+own matches. A plain fast NeRF is trained on all photos, without those that prepare.py
+would leave out, and, as the bound, on the same photos had none been moved; its test
+views are scored against steady ones. Run again, it does what is missing.
 
-Sharpness of ../shared/data/orbit/can: 0.30 to 0.48 of the 8 photos that were moved, which
-are left out; 0.75 to 1.28 of the 16 steady ones.
+Sharpness of ../shared/data/orbit/can: 0.30 to 0.48 of the 8 photos that were moved,
+which are left out; 0.75 to 1.28 of the 16 steady ones.
 """
 
 import argparse

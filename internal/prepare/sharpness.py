@@ -76,7 +76,7 @@ def find_harmful(
     harmful = [
         view
         for view in sorted(blurred, key=lambda view: relative[view])
-        if relative[view] < HARMFUL 
+        if relative[view] < HARMFUL and overlaps[view] >= FEWEST_SHARP
     ]
     return harmful[: int(MOST_LEFT_OUT * len(placed))]
 
