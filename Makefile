@@ -12,18 +12,19 @@ $(READY): pyproject.toml
 	  { echo "error: $(PYTHON) is older than 3.11; use make PYTHON=/path/to/python3.11"; exit 2; }
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[video,raw,heif,metrics,enhance2d,view,export,dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[video,raw,heif,metrics,enhance2d,view,export,cluster,dev]'
 	@touch $(READY)
 
 demo: install
 	$(BIN)/python demo.py
 
 test: install lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile
 
 lint: install
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/lint-imports --no-cache --no-logo
 	$(BIN)/pyright
 
 clean:

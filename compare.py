@@ -9,79 +9,57 @@ lists that --methods names: photos enhanced one by one, and models trained on ph
 Scenes need no truth, but have no scores without it. Writes index.html, table.md,
 table.csv, table.tex and a folder of figures per scene. Run again, it does what is
 missing: add a method or a scene, and the rest stays. A training that fails costs its
-own rows only.
+own rows only. --jobs 4 trains four at a time, --cluster slurm each in a job of its own.
 """
 
 import argparse
-import sys
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from internal import script
+from internal import flags, script
 from internal.comparison import figures, jobs, page, tables
-from internal.comparison.jobs import Job
 from internal.comparison.methods import methods_for, read_methods
-from internal.flags import add_bindings
+from internal.launching import launch
 
 LISTS = Path(__file__).parent / "configs" / "methods"
 
 
 def main(argv: Sequence[str]) -> int:
     """Does the work that is missing, then writes tables, figures and the page."""
-    flags = _parser().parse_args(argv)
-    methods = read_methods(flags.methods)
-    chosen = {scene: methods_for(methods, scene) for scene in flags.scenes}
+    args = _parser().parse_args(argv)
+    place = launch.place_for(args, args.out)
+    methods = read_methods(args.methods)
+    chosen = {scene: methods_for(methods, scene) for scene in args.scenes}
     todo = list(map(jobs.dark_photos, chosen))
     for scene, listed in chosen.items():
         todo += [jobs.job_of(scene, method) for method in listed]
-    jobs.check_settings(todo, flags.gin_bindings)
-    jobs.open_comparison(flags.out, flags.scenes, flags.gin_bindings)
+    jobs.check_settings(todo, args.gin_bindings)
+    jobs.open_comparison(args.out, args.scenes, args.gin_bindings)
 
     # Trainings come last: the rest of the table is there within minutes.
-    todo = sorted(dict.fromkeys(todo), key=lambda job: bool(job.train))
-    seconds: dict[bool, list[float]] = {}  # of each work done now, by if it trained
-    failed: list[str] = []
-    for index, job in enumerate(todo):
-        rest = [x for x in todo[index:] if not jobs.is_scored(flags.out, x)]
-        left = time_left(seconds, rest)
-        print(f"== {index + 1} of {len(todo)}, {left}: {job}", flush=True)
-        began = time.monotonic()
-        code = jobs.do(flags.out, job, flags.gin_bindings)
-        if code == script.FAILURE_EXIT:
-            failed.append(str(job))
-        elif code:
-            print(f"stopped at {job}; the same command goes on", file=sys.stderr)
-            return code
-        elif job in rest:
-            seconds.setdefault(bool(job.train), []).append(time.monotonic() - began)
-        found = jobs.read_results(flags.out, chosen)
-        tables.write_tables(flags.out, found)
+    todo = list(dict.fromkeys(todo))
+    photos = [job for job in todo if not job.train]
+    for index, job in enumerate(photos):
+        print(f"== {index + 1} of {len(photos)}: {job}", flush=True)
+        jobs.score_photos(args.out, job, args.gin_bindings)
+        tables.write_tables(args.out, jobs.read_results(args.out, chosen))
+    runs = [
+        jobs.training(args.out, job, args.gin_bindings) for job in todo if job.train
+    ]
+    for _ in launch.carry_out(runs, place):
+        tables.write_tables(args.out, jobs.read_results(args.out, chosen))
 
-    results = jobs.read_results(flags.out, chosen)
+    results = jobs.read_results(args.out, chosen)
     drawn = [
         path
         for scene in chosen
         for path in figures.write_figures(
-            flags.out, scene, results[jobs.scene_name(scene)]
+            args.out, scene, results[jobs.scene_name(scene)]
         )
     ]
-    print(tables.write_tables(flags.out, results))
-    print(page.write_page(flags.out, results, drawn))
-    if failed:
-        print(f"error: no rows of: {'; '.join(failed)}", file=sys.stderr)
-    return script.FAILURE_EXIT if failed else 0
-
-
-def time_left(seconds: Mapping[bool, Sequence[float]], rest: Sequence[Job]) -> str:
-    """How long the rest takes if it goes like the work of its kind so far, in words."""
-    if not rest:
-        return "done before"
-    if any(bool(job.train) not in seconds for job in rest):
-        return f"{len(rest)} to do"
-    mean = {kind: sum(known) / len(known) for kind, known in seconds.items()}
-    minutes = sum(mean[bool(job.train)] for job in rest) / 60.0
-    return f"{len(rest)} to do, about {minutes:.0f} min left"
+    print(tables.write_tables(args.out, results))
+    print(page.write_page(args.out, results, drawn))
+    return launch.report_failures(runs)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -93,7 +71,8 @@ def _parser() -> argparse.ArgumentParser:
         default=[LISTS / "photos.toml", LISTS / "models.toml"],
         help="lists of methods; photos.toml and models.toml of configs/methods if none",
     )  # fmt: skip
-    add_bindings(parser)
+    flags.add_bindings(parser)
+    flags.add_place(parser)
     return parser
 
 

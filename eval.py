@@ -28,6 +28,7 @@ from internal.pages import pages, report, scores, tables
 from internal.rendering import evidence
 from internal.rendering.pictures import display_for, pictures
 from internal.rendering.renderer import Renderer
+from internal.scene.masks import hatched
 from internal.scoring import evaluation
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
@@ -66,9 +67,13 @@ def main(argv: Sequence[str]) -> int:
         display = display or display_for(config.model, rendering)
         dark = from_uint16(scene.images[index]) if scene.images else None
         truth = from_uint16(scene.truth[index]) if index in scene.truth else None
-        baselines = evaluation.brightened(rendering.rgb)
-        gain = scene.gains[index]
-        views[name] = evaluation.score_view(rendering, baselines, dark, truth, gain)
+        mask = scene.mask(index)
+        baselines = evaluation.brightened(rendering.rgb, mask)
+        if mask.any():
+            gain = scene.gains[index]
+            views[name] = evaluation.score_view(
+                rendering, baselines, dark, truth, gain, mask
+            )
         camtoworld = np.asarray(scene.cameras.camtoworlds[index], np.float64)
         found = witnesses.testify(scene.lenses[index], camtoworld, rendering)
         shown = {
@@ -78,9 +83,9 @@ def main(argv: Sequence[str]) -> int:
         }
         del shown["unchanged"]  # the picture "dark"
         if dark is not None:
-            shown["input"] = dark
+            shown["input"] = hatched(dark, mask)
         if truth is not None:
-            shown["truth"] = truth
+            shown["truth"] = hatched(truth, mask)
         for output, picture in shown.items():
             path = Path(output) / files[index]
             atomic.ensure_folder(folder / output)
@@ -88,13 +93,17 @@ def main(argv: Sequence[str]) -> int:
             written.setdefault(output, []).append((path.as_posix(), name))
 
     mean = evaluation.mean_scores(views)
-    result = {"step": int(state.step), "views": views, "mean": mean}
+    result = {
+        **{"step": int(state.step), "masked": scene.masked},
+        **{"views": views, "mean": mean},
+    }
     atomic.write_text(folder / "metrics.json", json.dumps(result, indent=2) + "\n")
     table = scores.score_table(mean, scores.heading(len(names), len(scene.truth)))
     pages.write_index(
         folder,
         f"{scene.name}: test views at step {int(state.step)}",
-        "Views that training never saw, rendered by the trained model.",
+        "Views that training never saw, rendered by the trained model."
+        + report.about_masks(scene.masked, len(names)),
         [
             report.compare_outputs(
                 written, "enhanced" if "enhanced" in written else "dark"

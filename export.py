@@ -22,10 +22,9 @@ from typing import Any
 
 import jax
 
-from internal import cli, parallel
+from internal import cli, extras, parallel
 from internal.cameras import Cameras
 from internal.export import folder as export_folder
-from internal.export import shapes
 from internal.export.density import make_density
 from internal.files import made_folder
 from internal.pages import pages
@@ -37,7 +36,7 @@ from internal.training.checkpoints import load_trained
 def main(argv: Sequence[str]) -> int:
     """Exports the newest checkpoint, unless that was done with the same settings."""
     args = flags.export(__doc__).parse_args(argv)
-    shapes.check_available()
+    extras.need("export", "trimesh", "skimage", to="export")
     config = cli.start_trained(args)
     edit = config.render.edit()
     wanted = export_folder.Wanted(

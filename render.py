@@ -27,7 +27,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from internal import cli, color, parallel, progress
+from internal import cli, color, extras, parallel, progress
 from internal.cameras import Cameras
 from internal.files import atomic, image_io, video
 from internal.pages import pages, report
@@ -86,8 +86,9 @@ def main(argv: Sequence[str]) -> int:
             for output, file in files.items():
                 image_io.write(file, shown[output])
 
-    if not video.available():
-        print("no videos: PyAV is missing (pip install -e '.[video]'); frames are kept")
+    if not extras.has("av"):
+        how = extras.install("video")
+        print(f"no videos: PyAV is missing ({how}); frames are kept")
         return 0
     for output in outputs:
         pngs = (folder / output / f"{frame:04d}.png" for frame in frames)

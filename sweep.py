@@ -7,7 +7,8 @@ python sweep.py --gin_configs=configs/llnerf_fast.gin --scene my_scene \
 A variant is a gin file, or a label, a colon and bindings with ; between them. Each
 trains in a folder of its name in that of --run, on top of the flags; the flags alone
 are the variant "full". Writes index.html, table.md, table.csv and sheet.png. Run again,
-it does what is missing.
+it does what is missing. A variant that fails costs its own row only. --jobs 4 trains
+four at a time, --cluster slurm each in a job of its own.
 """
 
 from internal import flags, script
@@ -20,11 +21,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from internal import configs
-from internal.comparison.scored_run import train_and_score
+from internal.comparison.scored_run import scored_run
 from internal.configs import Config
 from internal.errors import UserError
 from internal.files import atomic, image_io
 from internal.files.listing import flat_pngs
+from internal.launching import launch
 from internal.pages import contact_sheet, pages, report, tables
 from internal.pages.pages import Table
 from internal.scoring import evaluation
@@ -47,13 +49,16 @@ def main(argv: Sequence[str]) -> int:
         ]
     ]  # fmt: skip
     check_variants(variants)
-    for index, (name, (files, bindings)) in enumerate(variants):
-        print(f"== variant {index + 1} of {len(variants)}: {name}", flush=True)
-        code = train_and_score(folder / name, files, bindings)
-        if code:
-            return code
-    write_comparison(folder, [name for name, _ in variants])
-    return 0
+    runs = [
+        scored_run(name, folder / name, files, bindings)
+        for name, (files, bindings) in variants
+    ]
+    for _ in launch.carry_out(runs, launch.place_for(args, folder)):
+        pass
+    done = [run.name for run in runs if run.is_done()]
+    if done:
+        write_comparison(folder, done)
+    return launch.report_failures(runs)
 
 
 def check_variants(variants: Sequence[tuple[str, Settings]]) -> None:

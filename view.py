@@ -13,20 +13,17 @@ from internal import flags, script
 if __name__ == "__main__":  # before the imports below, which take seconds
     script.begin(flags.view(__doc__))
 
-import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 
-from internal import cli
-from internal.errors import UserError
+from internal import cli, extras
 from internal.training import run_folder
 
 
 def main(argv: Sequence[str]) -> int:
     """Serves until Ctrl-C."""
     args = flags.view(__doc__).parse_args(argv)
-    if importlib.util.find_spec("viser") is None:
-        raise UserError("the viewer needs viser: run pip install -e '.[view]'")
+    extras.need("view", "viser", to="the viewer")
     from internal.viewer.server import Server, check_free
     from internal.viewer.studio import Studio
 

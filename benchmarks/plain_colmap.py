@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""COLMAP by itself, all options as they come: the baseline of docs/own_photos.md.
+"""COLMAP by itself, all options as they come: the baseline of docs/your_photos.md.
 
 python -m benchmarks.plain_colmap PHOTOS SCENE
 

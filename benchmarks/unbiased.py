@@ -13,6 +13,7 @@ darkest. A training that was done is not done again.
 
 import argparse
 import functools
+import subprocess
 import sys
 from pathlib import Path
 
@@ -192,7 +193,8 @@ def learned(
         f"Train.max_steps = {steps}",
         f"Train.enhance_start = {steps - 100}",
     ]
-    code = scored_run.run_script("train.py", run, [workload.FAST], bindings)
+    command = scored_run.command("train.py", run, [workload.FAST], bindings)
+    code = subprocess.run(command).returncode
     if code:
         sys.exit(code)
     config = scored_run.config_of(run, [workload.FAST], bindings)

@@ -16,8 +16,9 @@ from typing import Any
 import jax
 
 from internal import cli, configs, parallel
-from internal.comparison.scored_run import train_and_score
+from internal.comparison.scored_run import scored_run
 from internal.configs import Config
+from internal.launching import launch
 from internal.models import Model
 from internal.pages import tables
 from internal.pages.pages import Table
@@ -113,7 +114,7 @@ def score_cells(mean: Mapping[str, Mapping[str, float]]) -> list[str]:
 
 def scores(run: Path, gin_config: str, gin_bindings: Sequence[str]) -> dict:
     """``metrics.json`` of a training, which is not run again if it was done before."""
-    code = train_and_score(run, [gin_config], gin_bindings)
-    if code:
-        sys.exit(code)
+    scored = scored_run(run.name, run, [gin_config], gin_bindings)
+    if not scored.is_done() and scored.perform():
+        sys.exit(launch.report_failures([scored]))
     return json.loads((run / "eval" / "metrics.json").read_text())

@@ -68,7 +68,7 @@ class Rays:
     origins: Float[Array, "*batch 3"]
     directions: Float[Array, "*batch 3"]
     viewdirs: Float[Array, "*batch 3"]  # unit, world frame
-    radii: Float[Array, "*batch 1"]  # of the cone at t = 1 (mip-NeRF, Sec. 3.1)
+    radii: Float[Array, "*batch 1"]  # of the cone at t = 1 (mip-NeRF Sec. 3.1)
 
 
 def node_positions(size: int) -> Float[np.ndarray, " nodes"]:
@@ -117,7 +117,7 @@ def cast_rays(
 
     A cone's radius comes from the distance to the neighbouring pixels' rays at
     t = 1: the mean of right and down, times 2 / sqrt(12), so that a cone has the
-    variance of its square pixel (mip-NeRF, Sec. 3.1).
+    variance of its square pixel (mip-NeRF Sec. 3.1).
     """
     beside = jnp.where(x + 1 < cameras.widths[view], x + 1, x - 1)
     below = jnp.where(y + 1 < cameras.heights[view], y + 1, y - 1)

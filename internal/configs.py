@@ -28,7 +28,7 @@ class ModelConfig:
     # internal/enhancements; None: plain mip-NeRF without v and r
     enhancement: Enhancement | None = dataclasses.field(default_factory=Gamma)
     num_samples: tuple[int, ...] = (128, 128)  # per level of hierarchical sampling
-    resample_padding: float = 0.01  # mip-NeRF, Eq. 17
+    resample_padding: float = 0.01  # mip-NeRF Eq. 18
     ray_shape: str = "auto"  # cone, cylinder; auto: cylinder in NDC
     deg_view: int = 4
     head_width: int = 128  # hidden width of F1 and F2

@@ -50,7 +50,7 @@ class Space(Protocol):
 
 @struct.dataclass
 class ForwardFacing:
-    """Normalised device coordinates: the frustum becomes a cube (NeRF, App. C).
+    """Normalised device coordinates: the frustum becomes a cube (NeRF App. C).
 
     ``scale`` is (2 fx / width, 2 fy / height); the near plane is at depth 1. Rays end
     at ``t_far``: 1 is infinity, 1 - 1 / z is depth z.
@@ -83,7 +83,7 @@ class ForwardFacing:
 @struct.dataclass
 class Unbounded:
     """World coordinates between ``near`` and ``far``, sampled evenly in 1 / t and
-    contracted into a ball of radius 2 (mip-NeRF 360, Eqs. 9-11)."""
+    contracted into a ball of radius 2 (mip-NeRF 360 Eq. 10)."""
 
     near: Float[Array | np.ndarray | np.floating, ""]
     far: Float[Array | np.ndarray | np.floating, ""]
@@ -94,6 +94,7 @@ class Unbounded:
         return origins, directions
 
     def s_to_t(self, s: Float[Array, "*b"]) -> Float[Array, "*b"]:
+        """Even in 1 / t between the ends (mip-NeRF 360 Eq. 11)."""
         return 1.0 / (s / self.far + (1.0 - s) / self.near)
 
     def warp(
@@ -115,7 +116,8 @@ def world_to_ndc(
     scale: Float[Array, " 2"],
     near: float = 1.0,
 ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
-    """Rays in OpenGL world frame to NDC (NeRF, Eqs. 25-26, exact for any centre).
+    """Rays in OpenGL world frame to NDC (exact for any centre): origin NeRF Eq. 25,
+    direction NeRF Eq. 26.
 
     The new origin is where the ray meets the plane z = -near (t = 0) and the new
     end, at t = 1, is its point at infinity.
@@ -134,7 +136,7 @@ def world_to_ndc(
 
 
 def contract(x: Float[Array, "*b 3"]) -> Float[Array, "*b 3"]:
-    """Identity inside the unit ball, (2 - 1/|x|) x/|x| outside (mip-NeRF 360, Eq. 10).
+    """Identity inside the unit ball, (2 - 1/|x|) x/|x| outside (mip-NeRF 360 Eq. 10).
 
     The norm is floored at 1 inside the square root, so the gradient is finite at 0.
     """
@@ -148,7 +150,7 @@ def contracted_variance(
     t_var: Float[Array, "*b 1"],
     r_var: Float[Array, "*b 1"],
 ) -> Float[Array, "*b 3"]:
-    """Per-axis variance of contracted Gaussians to first order (mip-NeRF 360, Eq. 9).
+    """Per-axis variance of contracted Gaussians to first order (mip-NeRF 360 Eq. 9).
 
     The Jacobian of ``contract`` is a I + b x x^T and the covariance along a ray is
     c d d^T + r_var I, so the diagonal of J Sigma J^T needs no matrix.

@@ -71,6 +71,7 @@ def sweep(text: str | None) -> argparse.ArgumentParser:
     """sweep.py: what train.py takes, and variants of it."""
     parser = _to_train(text)
     parser.add_argument("--variants", nargs="*", default=[], metavar="VARIANT")
+    add_place(parser)
     return parser
 
 
@@ -188,6 +189,22 @@ def add_bindings(parser: argparse.ArgumentParser) -> None:
         metavar="BINDING",
         help='for example "Render.exposure = 0.5"',
     )
+
+
+def add_place(parser: argparse.ArgumentParser) -> None:
+    """``--jobs`` or ``--cluster``: where many trainings run."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--jobs", type=positive_int, default=1, metavar="N",
+        help="trainings at a time here, which share the cores and GPUs",
+    )  # fmt: skip
+    where.add_argument(
+        "--cluster", choices=("slurm",), help="each training a job of the cluster"
+    )
+    parser.add_argument(
+        "--cluster_options", nargs="+", default=[], metavar="KEY=VALUE",
+        help="such as partition=gpu time=60 (minutes) gpus_per_node=1 account=lab",
+    )  # fmt: skip
 
 
 def add_scene(parser: argparse.ArgumentParser) -> None:

@@ -98,7 +98,7 @@ def lookup(
     position: Float[Array, "n 3"],
     levels: tuple[Level, ...],
 ) -> Float[Array, "levels n f"]:
-    """Interpolates every level at positions in [0, 1]^3.
+    """Interpolates every level at positions in [0, 1]^3 (Instant NGP Sec. 3).
 
     Only the table has a gradient: positions follow from the rays. Its gradient is
     one scatter; autodiff would make a table of zeros for each vertex.
@@ -135,7 +135,7 @@ def seen_fraction(
     std: Float[Array, " n"], levels: tuple[Level, ...]
 ) -> Float[Array, "levels n"]:
     """How much of each level's detail a footprint leaves: the part of a Gaussian of
-    ``std`` (in units of the cube) that lies inside one cell (Zip-NeRF, Sec. 2)."""
+    ``std`` (in units of the cube) that lies inside one cell (Zip-NeRF Sec. 2)."""
     cells = _column([level.resolution for level in levels], np.float32)
     return jax.lax.erf(1.0 / (np.sqrt(8.0) * jnp.maximum(std * cells, 1e-6)))
 

@@ -83,8 +83,8 @@ def smoothness_loss(
     beta: float,
     eps: float,
 ) -> Float[Array, ""]:
-    """L_sa or L_sg (LLNeRF Eq. 10, LLNeRF Eq. 11): squared differences of an integrated
-    coefficient to the right and below, relative to those of log v, halved."""
+    """L_sa or L_sg (LLNeRF Eq. 11): squared differences of an integrated coefficient
+    to the right and below, relative to those of log v, halved."""
     log_v = jnp.log(stop_gradient(v) + eps)
     total = jnp.zeros(())
     for neighbor in (1, 2):

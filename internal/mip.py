@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mip-NeRF's geometry of a pixel: frusta as Gaussians, integrated positional
-encoding (Barron et al., ICCV 2021; equation numbers are that paper's).
+encoding (Barron et al., ICCV 2021).
 
 The last axis holds coordinates; ``t0, t1`` are the ends of an interval along a ray
 in units of its direction vector.
@@ -15,7 +15,8 @@ from jaxtyping import Float
 def conical_frustum_to_gaussian(
     t0: Float[Array, "*b"], t1: Float[Array, "*b"], radius: Float[Array, "*b"]
 ) -> tuple[Float[Array, "*b"], Float[Array, "*b"], Float[Array, "*b"]]:
-    """Moments (t_mean, t_var, r_var) of a cone's frustum (Eq. 7, the stable form).
+    """Moments (t_mean, t_var, r_var) of a cone's frustum (mip-NeRF Eq. 7, the
+    stable form).
 
     Args:
         t0, t1: ends of the interval, 0 <= t0 < t1.
@@ -50,7 +51,7 @@ def lift_variance(
     t_var: Float[Array, "*b 1"],
     r_var: Float[Array, "*b 1"],
 ) -> Float[Array, "*b 3"]:
-    """Per-axis variance of a Gaussian along a ray (Eq. 16, the diagonal of Eq. 8)."""
+    """Per-axis variance of a Gaussian along a ray (mip-NeRF Eq. 16)."""
     squared = directions**2
     norm = jnp.sum(squared, axis=-1, keepdims=True)
     return t_var * squared + r_var * (1.0 - squared / norm)
@@ -60,7 +61,7 @@ def integrated_pos_enc(
     mean: Float[Array, "*b d"], var: Float[Array, "*b d"], max_deg: int
 ) -> Float[Array, "*b f"]:
     """Expected sines and cosines of 2^l x under x ~ N(mean, var), l < max_deg
-    (IPE, Eqs. 13-14 with a diagonal covariance).
+    (IPE, mip-NeRF Eq. 14 with a diagonal covariance).
 
     Both are sines of one matrix product (a cosine is a shifted sine): 5 times faster
     on a CPU than joining separately computed parts.
@@ -77,6 +78,6 @@ def integrated_pos_enc(
 
 
 def pos_enc(x: Float[Array, "*b d"], max_deg: int) -> Float[Array, "*b f"]:
-    """x itself, then its sines and cosines at 2^l, l < max_deg (NeRF, Eq. 4)."""
+    """x itself, then its sines and cosines at 2^l, l < max_deg (NeRF Eq. 4)."""
     encoded = integrated_pos_enc(x, jnp.zeros_like(x), max_deg)
     return jnp.concatenate([x, encoded], axis=-1)

@@ -5,6 +5,7 @@ On a terminal a moving bar; in a log file a plain line every few seconds.
 """
 
 import sys
+import time
 from collections.abc import Iterable, Iterator
 from typing import TypeVar
 
@@ -47,6 +48,17 @@ def bar(total: int, label: str, unit: str, initial: int = 0) -> tqdm:
         ncols=150,
         ascii=True,
     )
+
+
+def show(shown: tqdm, text: str) -> None:
+    """Shows the bar with new words behind it; in a log file not more often than its
+    other lines come, and only if they are new."""
+    passed = time.time() - shown.last_print_t
+    if sys.stderr.isatty() or (
+        passed > SECONDS_BETWEEN_LOG_LINES and text not in (shown.postfix or "")
+    ):
+        shown.set_postfix_str(text)
+        shown.last_print_t = time.time()
 
 
 def track(items: Iterable[T], total: int, label: str, unit: str) -> Iterator[T]:

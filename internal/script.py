@@ -52,7 +52,7 @@ def command(*words: object) -> str:
 
 class Interruption:
     """Notices Ctrl-C and SIGTERM while it is entered, so that the loop can save and
-    leave. A second signal leaves at once."""
+    leave. A second Ctrl-C leaves at once; SIGTERM comes twice from some clusters."""
 
     def __init__(self) -> None:
         self.signal = 0
@@ -75,6 +75,6 @@ class Interruption:
         return 128 + self.signal if self.signal else 0
 
     def _notice(self, number: int, frame: FrameType | None) -> None:
-        if self.signal:
+        if self.signal and number == signal.SIGINT:
             os._exit(128 + number)
         self.signal = number

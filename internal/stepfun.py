@@ -27,7 +27,7 @@ def stratified_positions(
 
 
 def blur_weights(weights: Float[Array, "*b n"], padding: float) -> Float[Array, "*b n"]:
-    """A wide, smooth upper envelope plus ``padding`` (mip-NeRF, Eq. 17)."""
+    """A wide, smooth upper envelope plus ``padding`` (mip-NeRF Eq. 18)."""
     padded = jnp.concatenate([weights[..., :1], weights, weights[..., -1:]], axis=-1)
     maxima = jnp.maximum(padded[..., :-1], padded[..., 1:])
     return 0.5 * (maxima[..., :-1] + maxima[..., 1:]) + padding
@@ -64,7 +64,7 @@ def interlevel(
     outer_edges: Float[Array, "*b m_edges"],
     outer_weights: Float[Array, "*b m"],
 ) -> Float[Array, "*b"]:
-    """How far a proposal fails to cover a histogram (mip-NeRF 360, Eqs. 13-14).
+    """How far a proposal fails to cover a histogram (mip-NeRF 360 Eq. 13).
 
     The outer bins that touch a bin must hold at least its weight; what they lack
     counts, squared and relative to the weight.
@@ -80,7 +80,7 @@ def interlevel(
 def distortion(
     edges: Float[Array, "*b n_edges"], weights: Float[Array, "*b n"]
 ) -> Float[Array, "*b"]:
-    """Spread of weights along a ray (mip-NeRF 360, Eq. 15), in linear time.
+    """Spread of weights along a ray (mip-NeRF 360 Eq. 15), in linear time.
 
     The double sum over pairs of bins is twice the sum over ordered pairs, which
     two running sums give.

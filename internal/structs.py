@@ -81,7 +81,7 @@ class Lit:
 
 @struct.dataclass
 class LitRendering(Rendering):
-    """A rendering with its decomposition and enhancement (LLNeRF Eq. 3)."""
+    """A rendering with its decomposition and enhancement."""
 
     v: Float[Array | np.ndarray, "*rays 1"]
     r: Float[Array | np.ndarray, "*rays 3"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Volume rendering: density to weights, weights to pixels (LLNeRF Eq. 2)."""
+"""Volume rendering: density to weights, weights to pixels."""
 
 import jax.numpy as jnp
 from jax import Array
@@ -11,7 +11,8 @@ def compute_weights(
     t_edges: Float[Array, "*b n_edges"],
     directions: Float[Array, "*b 3"],
 ) -> Float[Array, "*b n"]:
-    """w_i = (1 - exp(-sigma_i delta_i)) exp(-sum_{j<i} sigma_j delta_j), Eq. 2.
+    """w_i = (1 - exp(-sigma_i delta_i)) exp(-sum_{j<i} sigma_j delta_j): how much of
+    a pixel is each sample's (LLNeRF Eq. 2).
 
     The last interval is opaque: whatever light is left ends there, so that the
     weights of a ray sum to one and a dark pixel cannot be explained by emptiness.
@@ -27,5 +28,5 @@ def compute_weights(
 def composite(
     weights: Float[Array, "*b n"], values: Float[Array, "*b n c"]
 ) -> Float[Array, "*b c"]:
-    """The weighted sum of a quantity along each ray."""
+    """The weighted sum of a quantity along each ray, sum_i w_i c_i (LLNeRF Eq. 2)."""
     return jnp.einsum("...n,...nc->...c", weights, values)

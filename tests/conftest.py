@@ -16,12 +16,14 @@ from internal.configs import Config, load_config
 from internal.coord import ForwardFacing
 
 # Tests compile much and compute little. Scripts that tests start inherit this.
+_QUICK = [
+    "--xla_backend_optimization_level=0",
+    "--xla_llvm_disable_expensive_passes=true",
+]
+if jax.__version_info__ < (0, 11):  # a flag that a later XLA lacks would end the run
+    _QUICK.append("--xla_cpu_use_fusion_emitters=false")
 os.environ["XLA_FLAGS"] = " ".join(
-    [
-        os.environ.get("XLA_FLAGS", ""),
-        "--xla_backend_optimization_level=0",
-        "--xla_llvm_disable_expensive_passes=true",
-    ]
+    dict.fromkeys([*os.environ.get("XLA_FLAGS", "").split(), *_QUICK])
 )
 
 # Four CPU devices, so that every run tests what several GPUs would do.
@@ -58,6 +60,18 @@ def flags(
     run_binding = f"Config.checkpoint_dir = {str(run)!r}"
     every = (*bindings(scene, model), run_binding, *own)
     return [f"--gin_bindings={binding}" for binding in every]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_once(tmp_path_factory) -> None:
+    """What tests and the scripts that they start compile is compiled once a run."""
+    settings = {
+        "jax_compilation_cache_dir": str(tmp_path_factory.mktemp("compiled")),
+        "jax_persistent_cache_min_compile_time_secs": 0.1,
+    }
+    for name, value in settings.items():
+        jax.config.update(name, value)
+        os.environ[name.upper()] = str(value)
 
 
 @pytest.fixture(scope="session")

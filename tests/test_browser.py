@@ -126,6 +126,20 @@ def test_every_step_draws_what_render_py_writes(viewer, run):
     assert viewer.frames[-1].number == computed  # light and choice cost no rendering
 
 
+def test_a_click_on_something_gray_turns_the_light_and_is_undone(viewer):
+    viewer.stand_at(viewer.studio.scene.view_names[0])
+    viewer.start_over()
+    before = viewer.control("For gin").input_value()
+    viewer.press("Pick something gray")
+    row, column = np.unravel_index(np.ptp(viewer.frame, axis=2).argmin(), (32, 36))
+    viewer.page.mouse.click(16 * int(column) + 8, 16 * int(row) + 8)
+    viewer.page.get_by_role("button", name="Undo the pick").wait_for()
+    until(lambda: np.ptp(viewer.frame[row, column].astype(int)) <= 2, "a gray pixel")
+    until(lambda: viewer.control("For gin").input_value() != before, "its bindings")
+    viewer.press("Undo the pick")
+    until(lambda: viewer.control("For gin").input_value() == before, "the light before")
+
+
 def test_evidence_is_shown_with_its_legend(viewer):
     viewer.choose("Picture", "evidence")
     colors = {tuple(band.rgb) for band in LEGEND}

@@ -45,7 +45,15 @@ def test_ndc_radius_is_that_of_the_near_plane(tiny_cameras, ndc):
     rays = cast_rays(tiny_cameras, ndc, view, x, y)
     # x: 0.1 * 2 and y: 0.1 * 2.5 apart in NDC, everywhere along the ray.
     np.testing.assert_allclose(rays.radii, [[0.45 / np.sqrt(12)]], rtol=1e-5)
-    np.testing.assert_allclose(np.linalg.norm(rays.viewdirs, axis=-1), 1.0, rtol=1e-6)
+
+
+def test_view_directions_are_the_worlds_in_every_space(tiny_cameras, ndc):
+    view, x, y = jnp.array([0, 2]), jnp.array([0, 9]), jnp.array([0, 6])
+    _, world = pixel_directions(tiny_cameras, view, x, y)
+    expected = world / np.linalg.norm(world, axis=-1, keepdims=True)
+    for space in (WORLD, ndc):
+        rays = cast_rays(tiny_cameras, space, view, x, y)
+        np.testing.assert_allclose(rays.viewdirs, expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("lens", LENSES, ids=lambda lens: lens.model)

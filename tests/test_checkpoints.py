@@ -31,7 +31,7 @@ def test_what_is_restored_is_what_was_saved_and_old_ones_go(state, tmp_path):
         restored = checkpoints.restore(jax.eval_shape(lambda: state), mesh)
     chex.assert_trees_all_equal(restored, at_step(state, 3))
     kept = sorted(p.name for p in (tmp_path / "checkpoints").iterdir())
-    assert [name for name in kept if name.isdigit()] == ["2", "3"]
+    assert kept == ["2", "2.json", "3", "3.json"]
 
 
 def test_a_full_disk_names_the_step_and_keeps_what_was_saved(
@@ -80,14 +80,33 @@ def test_what_is_not_read_back_as_it_was_is_not_called_saved(
         assert checkpoints.latest_step() == 1
 
 
-def test_a_checkpoint_with_a_torn_description_is_one_line(state, tmp_path):
+def cut(path):
+    path.write_bytes(path.read_bytes()[:100])
+
+
+def flip_a_bit(path):
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize(
+    "pattern, change",
+    [
+        ("default/_METADATA", cut),
+        ("default/params*kernel/0*", flip_a_bit),
+        ("default/params*kernel/0*", lambda path: path.unlink()),
+        ("../1.json", cut),
+    ],
+)
+def test_a_damaged_checkpoint_is_one_line(pattern, change, state, tmp_path, capfd):
     with Checkpoints(tmp_path, kept=1) as checkpoints:
         checkpoints.save(at_step(state, 1))
-    (described,) = (tmp_path / "checkpoints" / "1" / "default").glob("_METADATA")
-    described.write_bytes(described.read_bytes()[:100])
+    change(sorted((tmp_path / "checkpoints" / "1").glob(pattern))[0])
     with (
         Checkpoints(tmp_path, kept=1) as checkpoints,
-        pytest.raises(UserError, match="step 1 is damaged") as error,
+        pytest.raises(UserError, match=r"step 1 is damaged|1\.json: is cut") as error,
     ):
         checkpoints.restore(jax.eval_shape(lambda: state), parallel.data_mesh(4))
     assert "\n" not in str(error.value)
+    assert "Traceback" not in capfd.readouterr().err

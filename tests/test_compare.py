@@ -10,10 +10,13 @@ import pytest
 
 import compare as compare_script
 import figures as figures_script
-from internal.comparison import enhancers, jobs, lime, scored_run
+from internal import extras
+from internal.comparison import jobs, lime, scored_run
 from internal.comparison.jobs import Job
 from internal.errors import UserError
 from internal.files import image_io
+from internal.launching import launch
+from internal.launching.run import RECORD
 from internal.training import run_folder
 from tests.scene_writers import facing_world, write_blender, write_llff
 
@@ -34,31 +37,49 @@ train = ["tiny.gin"]
 output = "enhanced"
 """
 needs_opencv = pytest.mark.skipif(
-    not enhancers.available(), reason="the extra enhance2d is not installed"
+    not extras.has("cv2"), reason="the extra enhance2d is not installed"
 )
 
 
 @pytest.fixture
 def trainings(monkeypatch):
-    """Instead of training: writes what eval.py would, and notes each start."""
-    started = []
+    """Instead of training: writes what eval.py would, and notes each start. Whoever
+    puts a name of a run folder into ``failing`` sees it fail."""
+    started, failing = [], []
 
-    def train_and_score(run, gin_configs, gin_bindings):
-        started.append((run.name, [x for x in gin_bindings if "images_dir" in x]))
-        if (run / "eval").is_dir():
-            return 0
-        for output in ("dark", "v", "r", "v_enhanced", "enhanced"):
-            (run / "eval" / output).mkdir(parents=True)
-            picture = np.full((18, 24, 3), 0.7, np.float32)
-            image_io.write(run / "eval" / output / "00.png", picture)
-        scores = {"unchanged": {"psnr": 11.0}, "enhanced": {"psnr": 12.0}}
-        (run / "eval" / "metrics.json").write_text(json.dumps({"mean": scores}))
-        steps = [{"step": n, "seconds": 45.0 * n, "psnr": 10.0 * n} for n in (1, 2)]
-        (run / run_folder.LOG).write_text("\n".join(map(json.dumps, steps)))
-        return 0
+    class Here:
+        def __init__(self, jobs):
+            self.runs = []
 
-    monkeypatch.setattr(jobs, "train_and_score", train_and_score)
-    return started
+        def submit(self, run):
+            self.runs.append(run)
+
+        def ended(self):
+            over, self.runs = self.runs, []
+            for run in over:
+                images = [x for x in run.commands[0] if "images_dir" in x]
+                started.append((run.folder.name, images))
+                if run.folder.name not in failing:
+                    write_scored(run)
+            return over
+
+        def leave(self):
+            raise AssertionError("nothing stops it")
+
+    monkeypatch.setattr(launch, "Machine", Here)
+    return started, failing
+
+
+def write_scored(run):
+    for output in ("dark", "v", "r", "v_enhanced", "enhanced"):
+        (run.folder / "eval" / output).mkdir(parents=True)
+        picture = np.full((18, 24, 3), 0.7, np.float32)
+        image_io.write(run.folder / "eval" / output / "00.png", picture)
+    scores = {"unchanged": {"psnr": 11.0}, "enhanced": {"psnr": 12.0}}
+    run.result.write_text(json.dumps({"mean": scores}))
+    steps = [{"step": n, "seconds": 45.0 * n, "psnr": 10.0 * n} for n in (1, 2)]
+    (run.folder / run_folder.LOG).write_text("\n".join(map(json.dumps, steps)))
+    (run.folder / RECORD).write_text(run.record)
 
 
 @pytest.fixture
@@ -109,50 +130,80 @@ def test_every_method_has_a_row_and_a_picture(scene, trainings, capsys):
 def test_models_train_on_the_photos_of_their_method(scene, trainings):
     compare("scene")
     lime_photos = str(Path("out/scene/photos/lime").resolve())
-    assert dict(trainings) == {
-        "tiny@lime": [f"Config.images_dir = {lime_photos!r}"],
+    assert dict(trainings[0]) == {
+        "tiny@lime": [f"--gin_bindings=Config.images_dir = {lime_photos!r}"],
         "tiny@dark": [],
     }
 
 
 @needs_opencv
-def test_a_second_run_does_only_what_is_new(scene, trainings, capsys):
+def test_a_second_run_does_only_what_is_new(scene, trainings):
     compare("scene")
     kept = Path("out/scene/scores/lime/metrics.json").stat().st_mtime_ns
     photos = Path("out/scene/photos/lime/00.png").stat().st_mtime_ns
     Path("methods.toml").write_text(LIST + '["gamma"]\noutput = "gamma_curve"')
-    capsys.readouterr()
     compare("./scene")
     assert "| gamma |" in Path("out/table.md").read_text()
     assert Path("out/scene/scores/lime/metrics.json").stat().st_mtime_ns == kept
     assert Path("out/scene/photos/lime/00.png").stat().st_mtime_ns == photos
-    assert capsys.readouterr().out.count("done before") == 5
+    assert len(trainings[0]) == 2
 
 
 @needs_opencv
-def test_a_stopped_training_stops_all_and_keeps_the_rows_before(
-    scene, trainings, monkeypatch
-):
-    monkeypatch.setattr(jobs, "train_and_score", lambda *_: 130)
-    assert compare("scene") == 130
-    rows = json.loads(Path("out/results.json").read_text())["scene"]
-    assert list(rows) == ["dark photo", "x gain", "LIME", "mine"]
-
-
-@needs_opencv
-def test_a_training_that_fails_costs_only_its_rows(
-    scene, trainings, monkeypatch, capsys
-):
-    works = jobs.train_and_score
-
-    def fail_on_lime(run, *rest):
-        return 1 if run.name == "tiny@lime" else works(run, *rest)
-
-    monkeypatch.setattr(jobs, "train_and_score", fail_on_lime)
+def test_a_training_that_fails_costs_only_its_rows(scene, trainings, capsys):
+    trainings[1].append("tiny@lime")
     assert compare("scene") == 1
     rows = json.loads(Path("out/results.json").read_text())["scene"]
     assert list(rows) == ["dark photo", "x gain", "LIME", "mine", "ours"]
-    assert "no rows of: tiny on lime photos of scene" in capsys.readouterr().err
+    assert "tiny on lime photos of scene failed" in capsys.readouterr().err
+
+
+@needs_opencv
+def test_what_is_masked_is_in_no_score_and_a_view_of_nothing_else_has_none(
+    tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    Path("methods.toml").write_text('["dark"]\n["LIME"]\nphotos = "lime"')
+    rng = np.random.default_rng(0)
+    own = rng.uniform(0.0, 0.2, (18, 24, 3)).astype(np.float32)
+    mask = np.ones((18, 24, 1), bool)
+    mask[4:8, 6:20] = False
+    for folder in ("a", "b"):
+        write_blender(Path(folder), WORLD, test=(0, 1))
+        Path(folder, "masks").mkdir()
+        for name, counted in (("00.png", mask), ("01.png", mask & ~mask)):
+            image_io.write(Path(folder, "masks", name), np.repeat(counted, 3, -1) * 1.0)
+            for kind in ("low", "high"):
+                garbage = rng.random((18, 24, 3)).astype(np.float32)
+                image_io.write(
+                    Path(folder, kind, name), np.where(counted, own, garbage)
+                )
+    assert compare("a", "b") == 0
+    for photos in ("dark", "lime"):
+        scores = [
+            Path("out", folder, "scores", photos, "metrics.json").read_text()
+            for folder in ("a", "b")
+        ]
+        assert scores[0] == scores[1]
+        found = json.loads(scores[0])
+        assert list(found["views"]) == ["00.png"]
+        assert found["masked"] == {"00.png": 1.0 - mask.mean(), "01.png": 1.0}
+    truth = image_io.read_srgb(Path("out/a/scores/dark/truth/00.png"))
+    assert len(np.unique(truth[~mask[..., 0]], axis=0)) == 2  # stripes
+
+
+@needs_opencv
+def test_enhanced_photos_are_transparent_where_the_photo_was(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_llff(Path("scene"), WORLD)
+    rgba = np.full((18, 24, 4), 0.1, np.float32)
+    rgba[..., 3] = np.arange(24) > 9
+    image_io.write(Path("scene/images/00.png"), rgba)
+    Path("methods.toml").write_text('["LIME"]\nphotos = "lime"')
+    assert compare("scene") == 0
+    photo = Path("out/scene/photos/lime/00.png")
+    np.testing.assert_array_equal(image_io.read_alpha(photo), rgba[..., 3])
+    assert not image_io.has_alpha(photo.with_name("01.png"))
 
 
 def test_scenes_without_truth_have_figures_and_no_scores(scene):
@@ -193,17 +244,6 @@ def test_each_method_gets_the_bindings_it_reads_and_one_that_none_reads_is_refus
         jobs.check_settings([photos, nerf], every)
 
 
-def test_time_left_is_by_kind_of_work():
-    photos, training = Job(Path("s"), "", ()), Job(Path("s"), "", ("a.gin",))
-    left = compare_script.time_left
-    assert left({}, []) == "done before"
-    assert left({False: [6.0]}, [photos, training]) == "2 to do"
-    # 2 of 9 seconds on average, 3 of 600.
-    known = {False: [6.0, 12.0], True: [600.0]}
-    text = left(known, [photos] * 2 + [training] * 3)
-    assert text == "5 to do, about 30 min left"
-
-
 class TestFigures:
     @pytest.fixture(autouse=True)
     def _done(self, scene):
@@ -238,19 +278,13 @@ class TestFigures:
             figures_script.main(["scene"])
 
 
-def test_a_run_is_done_only_with_its_configuration(tmp_path, monkeypatch):
-    started = []
-
-    class Done:
-        returncode = 0
-
-    def run(command):
-        started.append(Path(command[1]).name)
-        (tmp_path / "eval").mkdir(exist_ok=True)
-        (tmp_path / "eval" / "metrics.json").touch()
-        return Done
-
-    monkeypatch.setattr(scored_run.subprocess, "run", run)
-    for bindings in ([], [], ["Train.log_every = 7"]):
-        assert scored_run.train_and_score(tmp_path, [], bindings) == 0
-    assert started == ["train.py", "eval.py"] * 2
+def test_a_run_is_done_only_with_its_configuration(tmp_path):
+    run, other = (
+        scored_run.scored_run("r", tmp_path, [], bindings)
+        for bindings in ([], ["Train.log_every = 7"])
+    )
+    assert not run.is_done()
+    write_scored(run)
+    assert run.is_done() and not other.is_done()
+    run.result.unlink()
+    assert not run.is_done()

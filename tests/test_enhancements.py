@@ -21,13 +21,14 @@ from internal import parallel
 from internal.binding import configurable, typed
 from internal.color import linear_to_srgb, srgb_to_linear
 from internal.configs import load_config
+from internal.enhancements import metering
 from internal.enhancements.base import Enhancement, Output
 from internal.enhancements.gamma import Gamma, GammaNetwork
 from internal.enhancements.look import DISPLAY_POWER, NEUTRAL, LightEdit, Look
 from internal.enhancements.tone import Tone, ToneNetwork
 from internal.models import Model
 from internal.rendering.renderer import Renderer
-from internal.structs import Decomposed, Level, Lit, LitRendering, Terms
+from internal.structs import Colored, Decomposed, Level, Lit, LitRendering, Terms
 from internal.training.step import initial_state
 from internal.volume import composite
 from tests.conftest import TINY_ENHANCED, TINY_MLP, TINY_MODEL, TINY_SIZES, flags
@@ -79,14 +80,53 @@ def test_the_neutral_edit_changes_no_bit_and_strength_zero_is_the_dark(enhanceme
 
 
 @ids
-def test_warm_is_redder_magenta_less_green_and_contrast_turns_about_grey(enhancement):
+def test_warm_is_redder_and_magenta_less_green(enhancement):
     plain = rendering_of(enhancement, Look()).enhanced
     warm = rendering_of(enhancement, Look(temperature=3000.0)).enhanced
     assert jnp.all((warm > plain)[:, 0] & (warm < plain)[:, 2])
     magenta = rendering_of(enhancement, Look(tint=1.0)).enhanced
     assert jnp.all((magenta < plain)[:, 1] & (magenta > plain)[:, 0])
-    steep = rendering_of(enhancement, Look(contrast=1.5)).enhanced
-    assert jnp.max(jnp.abs(steep - plain)) > 0.01
+
+
+@ids
+@pytest.mark.parametrize("contrast", [0.5, 2.0])
+def test_contrast_is_a_power_about_middle_grey(enhancement, contrast):
+    """Of one sample in grey: r and compositing are then the identity."""
+    network, params = applied(enhancement)
+    v = jnp.geomspace(0.002, 0.6, 7)[:, None, None]
+    grey = Decomposed(v[..., 0], v, jnp.ones((7, 1, 3)), jnp.zeros((7, 1, 5)))
+    level = Level(jnp.ones((7, 2)), jnp.ones((7, 1)), grey.rgb[:, 0], grey)
+    plain = network.apply(params, level, NEUTRAL).enhanced
+    edited = network.apply(params, level, Look(contrast=contrast).edit()).enhanced
+    np.testing.assert_allclose(edited, 0.5 * (2.0 * plain) ** contrast, rtol=1e-4)
+
+
+WEIGHTS = [(Gamma(), f"{n}_smooth") for n in ("alpha", "gamma")]
+WEIGHTS += [(Gamma(), n) for n in ("exposure", "gray", "gamma_norm")]
+WEIGHTS += [(TONE, "colorfulness")]
+
+
+@pytest.mark.parametrize(("enhancement", "name"), WEIGHTS)
+def test_a_weight_weighs_its_own_term(enhancement, name):
+    rendering = rendering_of(enhancement, Look())
+    before = enhancement.terms(rendering)
+    heavier = {name: 3.0 * getattr(enhancement, name)}
+    after = dataclasses.replace(enhancement, **heavier).terms(rendering)
+    assert before[name] > 0.0
+    for term, value in before.items():
+        expected = 3.0 * value if term == name else value
+        np.testing.assert_allclose(after[term], expected, rtol=1e-5, err_msg=term)
+
+
+def test_what_is_metered_is_what_is_rendered():
+    dark = np.asarray(0.02 * (1.0 + jax.random.uniform(jax.random.key(3), (3000, 3))))
+    tone = Tone(colorfulness=0.0).metered(dark)
+    network: Any = tone.network("enhancement")
+    one = jnp.ones((len(dark), 1))
+    level = Level(one, one, jnp.asarray(dark), Colored(one, jnp.asarray(dark)[:, None]))
+    lit = network.apply({"params": {"saturation": jnp.ones(())}}, level, NEUTRAL)
+    wanted = metering.meter(dark, metering.load_prior()).srgb_mean
+    assert jnp.mean(lit.enhanced) == pytest.approx(wanted, abs=2e-4)
 
 
 def test_a_stop_doubles_the_light_of_gamma_and_comes_before_the_shoulder_of_tone():

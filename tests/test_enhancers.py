@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 import scipy.optimize
 
+from internal import extras
 from internal.comparison import enhancers, lime
 
 needs_opencv = pytest.mark.skipif(
-    not enhancers.available(), reason="the extra enhance2d is not installed"
+    not extras.has("cv2"), reason="the extra enhance2d is not installed"
 )
 
 

@@ -17,6 +17,7 @@ from internal.coord import Unbounded
 from internal.rendering import evidence
 from internal.rendering.evidence import ALONE, BANDS, LEGEND, UNSEEN, Witnesses
 from internal.scene import colmap
+from internal.scene.masks import ALL
 from internal.scene.noise import Noise
 from internal.structs import Rendering
 
@@ -51,9 +52,9 @@ def render(camtoworld, wall=-4.0):
     return rendering, points.reshape(shape), hidden.reshape(shape[:2])
 
 
-def witnesses(places=PLACES, wall=-4.0, noise=NOISE):
+def witnesses(places=PLACES, wall=-4.0, noise=NOISE, mask=ALL):
     cameras = tuple(
-        evidence.witness(SPACE, FAR, LENS, stand(x), render(stand(x), wall)[0])
+        evidence.witness(SPACE, FAR, LENS, stand(x), render(stand(x), wall)[0], mask)
         for x in places
     )
     return Witnesses(SPACE, FAR, evidence.noise_variance(noise), cameras)
@@ -94,6 +95,20 @@ def test_a_part_at_1_of_255_is_lifted_noise_and_a_lit_one_is_detail():
     assert (colors[dark] == color_of(BANDS[0])).all()
     assert (colors[lit] == color_of(BANDS[3])).all()
     np.testing.assert_allclose(found.levels[dark], 1.0, rtol=1e-5)
+
+
+@pytest.mark.parametrize("size", [(72, 96), (18, 48), (360, 480)])
+def test_a_masked_pixel_saw_nothing(size):
+    """Masked in all photos: the lower left quarter of what they see of the wall."""
+    mask = np.ones(size, bool)
+    mask[size[0] // 2 :, : size[1] // 2] = False
+    pose = stand(0.0)
+    rendering, points, on_panel = render(pose)
+    whole, part = (witnesses((0.0,) * 3, mask=m).testify(LENS, pose, rendering)
+                   for m in (ALL, mask))  # fmt: skip
+    hidden = (points[..., 0] < 0) & (points[..., 1] < 0)
+    assert (whole.photos[~on_panel] == 3).all() and hidden.sum() > 1000
+    np.testing.assert_array_equal(part.photos, np.where(hidden, 0, whole.photos))
 
 
 def test_four_times_the_photos_or_half_the_noise_are_twice_the_steps():

@@ -59,6 +59,21 @@ def test_a_proposal_chooses_where_the_field_is_asked(tiny_cameras, ndc):
     np.testing.assert_allclose(jnp.sum(last.weights, -1), 1.0, atol=1e-5)
 
 
+def test_a_proposal_does_not_learn_through_the_places_it_chose(tiny_cameras, ndc):
+    config = load_config([], TINY_GRID)
+    model = Model(config.model)
+    params = {"params": initial_state(config, model).params}
+    index = jnp.zeros(5, jnp.int32)
+    rays = jax.jit(cast_rays)(tiny_cameras, ndc, index, index, index)
+
+    def middles(params):
+        edges = model.apply(params, rays, ndc, method="march").last.s_edges
+        return jnp.sum(edges[:, 1:-1] ** 2)
+
+    gradients = jax.tree.leaves(jax.jit(jax.grad(middles))(params))
+    assert all(np.all(x == 0.0) for x in gradients)
+
+
 def test_the_fast_field_and_its_proposal_learn(grid_run):
     run, start = grid_run
     state, stats = run(start, 3)

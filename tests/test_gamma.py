@@ -21,6 +21,13 @@ def test_alpha_one_and_exponent_one_is_identity():
     np.testing.assert_array_equal(v_hat, jnp.broadcast_to(V, (3, 3)))
 
 
+def test_a_small_alpha_lights_up_as_much_as_it_says_and_none_is_finite():
+    one = jnp.ones((1, 3))
+    v_hat = enhance_v(jnp.array([[2e-3]]), jnp.array([[1e-3]]), one)
+    np.testing.assert_allclose(v_hat, 2.0 * one, rtol=1e-5)
+    assert jnp.all(jnp.isfinite(enhance_v(V, jnp.zeros((3, 1)), jnp.ones((3, 3)))))
+
+
 def test_formula_by_hand():
     # (0.05 / 0.5)^(1 / (2.2 + 0.3)) = 0.1^0.4 = 0.398107
     coefficients = Coefficients(jnp.array([[0.5]]), jnp.full((1, 3), 0.3))

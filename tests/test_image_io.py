@@ -6,9 +6,11 @@ import zlib
 
 import numpy as np
 import OpenImageIO as oiio
+import PIL.Image
 import pytest
 from PIL import Image
 
+from internal import extras
 from internal.errors import UserError
 from internal.files import color_profile, image_io
 from tests.icc_writer import rgb_profile
@@ -288,7 +290,13 @@ def test_the_camera_of_a_heic_is_known(tmp_path):
 def test_without_the_extra_a_heic_says_what_to_install(tmp_path, monkeypatch):
     pytest.importorskip("pillow_heif").register_heif_opener()
     path = saved(tmp_path / "a.heic")
-    monkeypatch.setattr(image_io.heif, "available", lambda: False)
+    monkeypatch.setattr(extras, "has", lambda *_: False)
     for read in (image_io.read_srgb, image_io.read_size):
-        with pytest.raises(UserError, match=r"a\.heic: HEIC.*'\.\[heif\]'"):
+        with pytest.raises(UserError, match=r"a\.heic: a HEIC.*'\.\[heif\]'"):
             read(path)
+
+
+def test_a_gif_is_read_whatever_index_the_library_states_of_its_alpha(tmp_path):
+    PIL.Image.new("RGB", (8, 6), (51, 51, 51)).save(tmp_path / "a.gif")
+    read = image_io.read_srgb(tmp_path / "a.gif")
+    np.testing.assert_allclose(read, 51 / 255, atol=1e-6)

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from internal import extras
 from internal.errors import UserError
-from internal.files import atomic, heif, listing, made_folder
+from internal.files import atomic, listing, made_folder
 
 WASTE = (
     "@eaDir/1.jpg/SYNOPHOTO_THUMB_M.jpg",
@@ -53,7 +54,7 @@ def test_every_ending_that_is_read_is_listed(tmp_path, ending):
 def test_pictures_left_out_are_named_with_the_reason_once(
     tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.setattr(heif, "available", lambda: False)
+    monkeypatch.setattr(extras, "has", lambda *_: False)
     fill(tmp_path, "1.jpg", "2.gif", "3.heic", "4.DNG", "5.nrw", "thumbs/1.jpg")
     (tmp_path / "6.jpg").symlink_to("nowhere.jpg")
     os.mkfifo(tmp_path / "7.jpg")  # reading it would never end

@@ -4,8 +4,12 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from internal import losses
+from internal import losses, stepfun
+from internal.configs import LossConfig
+from internal.structs import Colored, Histogram, Level, Levels
+from internal.training.step import field_terms
 
 GRAY = jnp.full((4, 3), 0.3)
 
@@ -34,6 +38,22 @@ def test_prediction_above_one_is_pulled_back_from_any_other_pixel():
         lambda c: losses.data_loss(jnp.full((1, 3), c), jnp.full((1, 3), 0.5), eps=0.1)
     )
     assert gradient(3.0) > 0.0
+
+
+def test_the_weight_of_an_error_is_that_of_the_clipped_prediction():
+    # A prediction of 3 weighs as one of 1: (3 - 0.5) / (1 + 0.1), squared.
+    value = losses.data_loss(jnp.full((1, 3), 3.0), jnp.full((1, 3), 0.5), eps=0.1)
+    np.testing.assert_allclose(value, (2.5 / 1.1) ** 2, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("level", "pulls"), [(160, True), (254, True), (255, False)])
+def test_only_a_photo_at_its_highest_level_may_be_brighter(level, pulls):
+    gradient = jax.grad(
+        lambda c: losses.data_loss(
+            jnp.full((1, 3), c), jnp.full((1, 3), level / 255), eps=0.1
+        )
+    )(2.0)
+    assert (gradient > 0.0) == pulls
 
 
 def test_exposure_loss_by_hand_and_its_indifference_to_colour():
@@ -86,6 +106,14 @@ def test_smoothness_by_hand():
     np.testing.assert_allclose(value, 0.05, rtol=1e-5)
 
 
+def test_smoothness_at_an_edge_by_hand():
+    # log(v + 0.1) rises by 1 to the right: 0.01 / (1.5 * 1 + 0.1) / 2 = 0.003125
+    alpha = jnp.array([[[0.5], [0.6], [0.5]]])
+    v = jnp.array([[[0.1], [0.2 * np.e - 0.1], [0.1]]])
+    value = losses.smoothness_loss(alpha, v, beta=1.5, eps=0.1)
+    np.testing.assert_allclose(value, 0.003125, rtol=1e-4)
+
+
 def test_smoothness_of_constant_coefficients_is_zero_and_edges_relax_it():
     flat, step = jnp.full((1, 3, 1), 0.2), jnp.array([[[0.02], [0.4], [0.4]]])
     assert losses.smoothness_loss(flat, step, beta=1.5, eps=1e-4) == 0.0
@@ -102,3 +130,41 @@ def test_smoothness_does_not_move_v():
         v
     )
     np.testing.assert_array_equal(gradient, jnp.zeros_like(v))
+
+
+EDGES = jnp.array([[0.0, 0.2, 0.5, 1.0]])
+WEIGHTS = jnp.array([[0.2, 0.7, 0.1]])
+
+
+def terms(config: LossConfig, proposed: jax.Array, seen: jax.Array):
+    """Of a ray with a proposal and a coarse level."""
+    rgb = jnp.full((1, 3), 0.2)
+    level = Level(EDGES, seen, rgb, Colored(jnp.ones((1, 1)), rgb[:, None]))
+    levels = Levels((Histogram(EDGES, proposed),), (level,), level)
+    return field_terms(config, levels, [0.5 * rgb, rgb], 0.9 * rgb, 0.1)
+
+
+def test_terms_of_the_field_by_hand():
+    got = terms(
+        LossConfig(coarse=0.3, interlevel=0.5, distortion=0.7), WEIGHTS / 2, WEIGHTS
+    )
+    rgb = jnp.full((1, 3), 0.2)
+    expected = {
+        "data": losses.data_loss(rgb, 0.9 * rgb, eps=0.1),
+        "coarse": 0.3 * losses.data_loss(0.5 * rgb, 0.9 * rgb, eps=0.1),
+        "interlevel": 0.5 * stepfun.interlevel(EDGES, WEIGHTS, EDGES, WEIGHTS / 2)[0],
+        "distortion": 0.7 * stepfun.distortion(EDGES, WEIGHTS)[0],
+    }
+    assert got.keys() == expected.keys()
+    for name, value in expected.items():
+        assert value > 0.0
+        np.testing.assert_allclose(got[name], value, rtol=1e-5, err_msg=name)
+
+
+def test_interlevel_moves_the_proposal_and_not_what_it_proposes_for():
+    def interlevel(proposed, seen):
+        return terms(LossConfig(), proposed, seen)["interlevel"]
+
+    proposed, seen = jax.grad(interlevel, argnums=(0, 1))(WEIGHTS / 2, WEIGHTS)
+    assert jnp.all(proposed < 0.0)
+    np.testing.assert_array_equal(seen, jnp.zeros_like(seen))

@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 
 from internal.errors import UserError
 from internal.files import image_io
+from internal.night import darken
+from internal.night.capture import CaptureModel
 from internal.scene import identity, masks
 from internal.scene.mask_files import match_masks
 from internal.scene.noise import noise_of_files
@@ -170,6 +172,46 @@ def test_what_cannot_be_meant_is_one_line(tmp_path, capsys):
         UserError, match=r"none of its 1 masks, e\.g\. 'other\.png', is"
     ):
         load(tmp_path)
+
+
+def test_a_test_view_without_a_pixel_that_counts_is_named(tmp_path, capsys):
+    write_llff(tmp_path, WORLD)
+    write_mask(tmp_path / "masks" / "02.png", ~COUNTED & COUNTED)
+    write_mask(tmp_path / "masks" / "04.png")
+    scene = load(tmp_path, "test", holdout=2)
+    assert "all of 02.png is masked: this test view is not" in capsys.readouterr().out
+    assert scene.masked == {"02.png": 1.0, "04.png": 1.0 - COUNTED.mean()}
+    assert scene.brightness == pytest.approx(6.0 / 255)  # of 4 and 8
+    load(tmp_path, holdout=2)
+    for name in ("00.png", "04.png"):
+        write_mask(tmp_path / "masks" / name, ~COUNTED & COUNTED)
+    with pytest.raises(UserError, match=r"all of 00\.png is masked; black"):
+        load(tmp_path, holdout=2)
+
+
+@pytest.mark.parametrize("jpeg_quality", [0, 90])
+def test_a_darkened_scene_keeps_its_masks(tmp_path, jpeg_quality):
+    bright, dark = tmp_path / "bright", tmp_path / "dark"
+    write_nerfstudio(bright, WORLD)
+    write_mask(bright / "elsewhere" / "x.png")
+    name_mask(bright, 2, "elsewhere/x.png")
+    opaque = COUNTED[::-1].astype(np.float32)[..., None]
+    rgba = np.concatenate([flat_picture(90.0), opaque], -1)
+    image_io.write(bright / "images" / "03.png", rgba)
+    darken.darken(bright, dark, CaptureModel(), jpeg_quality=jpeg_quality)
+    for scene in map(load, (bright, dark)):
+        assert list(scene.masked) == ["02.png", "03.png"]
+        np.testing.assert_array_equal(scene.mask(1), COUNTED)
+        np.testing.assert_array_equal(scene.mask(2), COUNTED[::-1])
+    assert scene.truth
+
+
+def test_a_filled_pixel_is_the_nearest_that_counts():
+    mask = np.array([[True, False, False, False, True]])
+    picture = np.arange(15, dtype=np.float32).reshape(1, 5, 3)
+    found = masks.filled(picture, mask)
+    np.testing.assert_array_equal(found[0, [0, 1, 3, 4]], picture[0, [0, 0, 4, 4]])
+    np.testing.assert_array_equal(masks.filled(picture, masks.ALL), picture)
 
 
 def test_masks_that_look_inverted_are_warned_about(tmp_path, capsys):

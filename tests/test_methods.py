@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from internal.comparison import enhancers
+from internal import extras
 from internal.comparison.methods import Method, methods_for, read_methods
 from internal.errors import UserError
 
@@ -80,6 +80,6 @@ def test_a_folder_that_is_not_there_is_named(tmp_path):
 
 
 def test_without_opencv_the_method_is_named_before_any_work(tmp_path, monkeypatch):
-    monkeypatch.setattr(enhancers, "available", lambda: False)
-    with pytest.raises(UserError, match=r"clahe needs OpenCV.*enhance2d"):
+    monkeypatch.setattr(extras, "has", lambda *_: False)
+    with pytest.raises(UserError, match=r"clahe needs cv2.*enhance2d"):
         methods_for([Method("CLAHE", "clahe")], tmp_path)

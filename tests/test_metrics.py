@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from internal.color import expose, linear_to_srgb, quantize, srgb_to_linear
+from internal.scene.masks import ALL
 from internal.scoring import baselines, color_error, evaluation, lpips, metrics
 from internal.structs import Rendering
 
@@ -39,10 +40,10 @@ def test_a_dark_view_is_scored_under_its_photos_gain():
     gain = np.array([2.0, 1.5, 1.0], np.float32)
     photo = np.asarray(expose(rgb, jnp.broadcast_to(gain, rgb.shape)))
     rendering = Rendering(rgb, jnp.ones((*rgb.shape[:2], 1)))
-    right = evaluation.score_view(rendering, {}, photo, None, gain)["dark"]["psnr"]
+    right = evaluation.score_view(rendering, {}, photo, None, gain, ALL)["dark"]["psnr"]
     none = np.ones(3, np.float32)
-    wrong = evaluation.score_view(rendering, {}, photo, None, none)["dark"]["psnr"]
-    alone = evaluation.score_view(rendering, {"x": photo}, None, photo, none)
+    wrong = evaluation.score_view(rendering, {}, photo, None, none, ALL)["dark"]["psnr"]
+    alone = evaluation.score_view(rendering, {"x": photo}, None, photo, none, ALL)
     assert alone.keys() == {"x"} and alone["x"]["psnr"] == 100.0
     assert wrong < 40.0 < 90.0 < right
 
@@ -146,6 +147,101 @@ def test_colour_correction_of_a_constant_is_the_mean():
     mean = quantize(quantize(truth).mean(axis=(0, 1)))
     corrected = metrics.color_corrected(grey, truth)
     np.testing.assert_allclose(corrected, np.broadcast_to(mean, truth.shape), atol=4e-3)
+
+
+def _mask(seed: int, height: int, width: int) -> np.ndarray:
+    """A rectangle and single pixels are masked."""
+    rng = np.random.default_rng(seed)
+    mask = rng.random((height, width)) < 0.9
+    mask[: height // 2, width // 4 : width // 2] = False
+    return mask
+
+
+def _with(mask: np.ndarray, picture: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The picture, and another under the mask."""
+    return np.where(mask[..., None], picture, other)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_no_score_knows_what_is_under_a_mask(seed):
+    size = (32, 36)
+    rng = np.random.default_rng(seed)
+    mask = _mask(seed, *size)
+    pictures = [_picture(seed + i, *size) for i in range(3)]
+    found = []
+    for _ in range(2):
+        lit, dark, truth = (
+            _with(mask, picture, np.float32(rng.random((*size, 3)) ** 3))
+            for picture in pictures
+        )
+        rendering = Rendering(jnp.asarray(dark), jnp.ones((*size, 1)))
+        shown = {"lit": lit, **evaluation.brightened(dark, mask)}
+        one = np.ones(3, np.float32)
+        found.append(evaluation.score_view(rendering, shown, dark, truth, one, mask))
+    assert found[0] == found[1]
+    assert set(found[0]) == {"dark", "lit", *evaluation.BASELINES}
+
+
+def test_a_mask_of_which_all_counts_is_no_mask():
+    prediction, truth = _picture(0, 40, 48), _picture(1, 40, 48)
+    whole = metrics.score(prediction, truth, np.ones((40, 48), bool))
+    assert whole == metrics.score(prediction, truth)
+    np.testing.assert_array_equal(
+        baselines.gain_to_mean(prediction, mask=np.ones((40, 48), bool)),
+        baselines.gain_to_mean(prediction),
+    )
+
+
+def test_scores_under_a_mask_are_those_of_the_rest():
+    prediction, truth = _picture(0, 96, 64), _picture(1, 96, 64)
+    mask = np.ones((96, 64), bool)
+    mask[:56] = False
+    found = metrics.score(prediction, truth, mask)
+    alone = metrics.score(prediction[56:], truth[56:])
+    for name in set(found) - {"ssim", "lpips"}:
+        assert found[name] == pytest.approx(alone[name]), name
+    if lpips.available():  # looks at what lies beside a pixel: the edge differs a bit
+        assert found["lpips"] == pytest.approx(alone["lpips"], rel=0.25)
+    np.testing.assert_allclose(
+        baselines.gain_to_mean(prediction, 0.4, mask)[56:],
+        baselines.gain_to_mean(prediction[56:], 0.4),
+        atol=1e-5,
+    )
+
+
+def _slow_ssim(x: np.ndarray, y: np.ndarray, mask: np.ndarray) -> float:
+    """Window by window, of the pixels that count."""
+    steps = np.exp(-np.square(np.arange(-5, 6)) / 4.5)
+    found = []
+    for row, column in np.argwhere(mask[5:-5, 5:-5]):
+        window = np.s_[row : row + 11, column : column + 11]
+        weights = np.outer(steps, steps) * mask[window]
+        for channel in range(3):
+            pair = np.stack([p[window][..., channel].ravel() for p in (x, y)])
+            (a, b), w = np.average(pair, axis=1, weights=weights.ravel()), weights
+            cov = np.cov(pair, aweights=w.ravel(), ddof=0)
+            light = (2 * a * b + 1e-4) / (a * a + b * b + 1e-4)
+            rest = (2 * cov[0, 1] + 9e-4) / (cov[0, 0] + cov[1, 1] + 9e-4)
+            found.append(light * rest)
+    return float(np.mean(found))
+
+
+def test_ssim_is_that_of_the_pixels_of_each_window_that_count():
+    prediction, truth, mask = _picture(0), _picture(1), _mask(0, 24, 32)
+    expected = _slow_ssim(quantize(prediction), quantize(truth), mask)
+    assert metrics.ssim(prediction, truth, mask) == pytest.approx(expected, abs=1e-5)
+    alone = np.zeros((24, 32), bool)
+    alone[4] = True  # no window inside the picture has its middle there
+    assert "ssim" not in metrics.score_dark(prediction, truth, alone)
+
+
+def test_means_are_of_the_views_that_have_a_score():
+    views = {
+        "a": {"dark": {"psnr": 20.0, "ssim": 0.5}},
+        "b": {"dark": {"psnr": 30.0}},
+    }
+    assert evaluation.mean_scores(views) == {"dark": {"psnr": 25.0, "ssim": 0.5}}
+    assert evaluation.mean_scores({}) == {}
 
 
 @needs_lpips

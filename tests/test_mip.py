@@ -10,7 +10,7 @@ from internal import mip
 
 
 def lift_covariance(directions, t_var, r_var):
-    """The whole covariance of a Gaussian along a ray (mip-NeRF, Eq. 8)."""
+    """The whole covariance of a Gaussian along a ray (mip-NeRF Eq. 8)."""
     outer = directions[..., :, None] * directions[..., None, :]
     norm = jnp.sum(directions**2, axis=-1)[..., None, None]
     across = jnp.eye(3) - outer / norm

@@ -11,8 +11,8 @@ from internal.cameras import cast_rays
 from internal.configs import load_config
 from internal.coord import Unbounded
 from internal.enhancements.look import NEUTRAL, Look
-from internal.models import Model, ray_shape
-from internal.structs import LitRendering, Rendering
+from internal.models import Model, depth, ray_shape
+from internal.structs import Colored, Level, LitRendering, Rendering
 from internal.training.step import initial_state
 from internal.volume import composite
 from tests.conftest import TINY_MODEL, TINY_PLAIN
@@ -118,6 +118,29 @@ def test_unbounded_space_renders_with_cones(trained, tiny_cameras):
     assert np.all(np.isfinite(rendering.enhanced))
     assert np.all((rendering.depth >= 0.5) & (rendering.depth <= 20.01))
     assert ray_shape("auto", space) == "cone"
+
+
+@pytest.mark.parametrize("space", [Unbounded(np.float32(1.0), np.float32(9.0)), None])
+def test_the_depth_of_a_wall_is_its_depth(space, ndc):
+    """A quarter of the light ends before a wall, a quarter behind it."""
+    space = ndc if space is None else space
+    s_edges = jnp.array([[0.0, 0.3, 0.5, 0.501, 1.0]])
+    weights, rgb = jnp.array([[0.1, 0.15, 0.5, 0.25]]), jnp.ones((1, 3))
+    level = Level(s_edges, weights, rgb, Colored(jnp.ones((1, 1)), rgb[:, None]))
+    wall = space.depth(space.s_to_t(jnp.array([[0.5005]])))
+    np.testing.assert_allclose(depth(space, level), wall, rtol=1e-5)
+
+
+def test_samples_are_where_they_are_whatever_the_loss(trained, rays, ndc):
+    """No gradient reaches a field through the places at which it is asked."""
+    apply, params = trained
+
+    def middles(params):
+        edges = apply(params, rays, ndc, method="march").last.s_edges
+        return jnp.sum(edges[:, 1:-1] ** 2)
+
+    gradients = jax.tree.leaves(jax.jit(jax.grad(middles))(params))
+    assert all(np.all(x == 0.0) for x in gradients)
 
 
 def test_ray_shape_is_automatic_or_forced(ndc):

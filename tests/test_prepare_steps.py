@@ -8,6 +8,7 @@ import numpy as np
 import pycolmap
 import pytest
 from PIL import Image
+from scipy import ndimage
 
 from internal import color
 from internal.errors import UserError
@@ -18,6 +19,7 @@ from internal.prepare import (
     brighten,
     checks,
     exposures,
+    frame_choice,
     matching,
     photos,
     pipeline,
@@ -271,17 +273,72 @@ def test_matches_lie_where_right_poses_put_them_and_not_where_others_do():
     assert epipolar_error(world.camtoworlds, lenses, {}) == world.lens.width
 
 
-def test_the_sharpest_frame_of_each_interval_is_kept(tmp_path):
+# Steps of a walk along the wall, in pixels per frame: it stands still, goes on, goes
+# faster with blur in two frames of three, and jumps to another wall.
+STEPS = [0] * 10 + [2] * 20 + [4] * 12 + [0] * 5
+BLURRED = {i for i in range(30, 42) if i % 3}
+
+
+def dark_film(noise=1.0):
+    """Frames [96, 128, 3] uint8 of at most 20 levels, as a hand-held camera takes."""
     rng = np.random.default_rng(0)
-    noise = rng.uniform(0.0, 255.0, (9, 12, 3)).repeat(8, axis=0).repeat(8, axis=1)
-    soft = np.full_like(noise, 127.0)
-    frames = [soft, soft, noise, soft, soft] * 2  # ten frames a second
+    walls = [ndimage.gaussian_filter(rng.normal(size=(96, 400)), 2.0) for _ in range(2)]
+    places = [*np.cumsum(STEPS), *([150] * 3)]
+    for number, place in enumerate(places):
+        wall = walls[number >= len(STEPS)]
+        if number in BLURRED:
+            wall = ndimage.uniform_filter1d(wall, 11, axis=1)
+        level = 10.0 + 4.0 * wall[:, place : place + 128] / walls[0].std()
+        noisy = level[..., None] + rng.normal(0.0, noise, (96, 128, 3))
+        yield np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+
+
+def test_frames_of_a_dark_video_are_sharp_and_a_step_apart(tmp_path, capsys):
+    pytest.importorskip("av")
     path = tmp_path / "film.mp4"
-    video.write_video((frame.astype(np.uint8) for frame in frames), path, 10)
+    video.write_video(dark_film(), path, 10)
     extract_frames(path, tmp_path / "frames")
-    kept = sorted((tmp_path / "frames").iterdir())
-    assert [p.name for p in kept] == ["00000.png", "00001.png"]
-    assert all(image_io.read_srgb(p).std() > 0.1 for p in kept)
+    chosen = [int(p.stem) for p in sorted((tmp_path / "frames").iterdir())]
+    places = np.cumsum(STEPS)
+    walk = [place for place in places[[c for c in chosen if c < len(STEPS)]]]
+    assert not BLURRED & set(chosen)
+    assert sum(c < 10 for c in chosen) == 1  # one of a standstill
+    assert sum(c >= len(STEPS) for c in chosen) == 1  # and one of the other wall
+    assert np.diff(walk).min() >= 0.01 * 128 and np.diff(walk).max() <= 0.11 * 128
+    said = capsys.readouterr().out
+    assert f"50 frames, {len(chosen)} chosen" in said and "8 blurred" in said
+
+
+def test_steps_are_as_long_as_a_video_allows():
+    """A long walk has enough frames at full steps, a short one takes smaller ones."""
+    rng = np.random.default_rng(1)
+    wall = ndimage.gaussian_filter(rng.normal(size=(96, 700)), 3.0) / 0.1
+    levels = np.clip(128 + 40 * wall, 0, 255).astype(np.uint8)
+    walk = [levels[:, place : place + 128] for place in range(0, 560, 4)]
+    steps = []
+    for copies in (walk, walk[:20]):
+        choice = frame_choice.choose(
+            copies, rng.uniform(0.6, 1.0, len(copies)).tolist()
+        )
+        assert len(choice.chosen) + choice.blurred + choice.alike == len(copies)
+        steps.append(np.diff(choice.chosen).mean() * 4 / 128)
+    assert frame_choice.NEAREST <= steps[0] <= 1.5 * frame_choice.FARTHEST
+    assert steps[1] < 0.6 * steps[0]
+
+
+@pytest.mark.parametrize("zoom, turn", [(0.06, 0.0), (0.0, 0.1)])
+def test_motion_that_leaves_the_middle_in_place_counts(zoom, turn):
+    rng = np.random.default_rng(2)
+    wall = ndimage.gaussian_filter(rng.normal(size=(96, 128)), 3.0)
+    levels = np.clip(128 + 400 * wall, 0, 255).astype(np.uint8)
+    y, x = np.mgrid[:96, :128] - np.array([48.0, 64.0])[:, None, None]
+    there = np.stack([y + turn * x, x - turn * y]) * (1.0 - zoom)
+    moved = ndimage.map_coordinates(
+        levels, there + np.array([48.0, 64.0])[:, None, None], order=1, mode="nearest"
+    )
+    assert 0.005 < frame_choice.motion(levels, moved) < 0.06
+    assert frame_choice.motion(levels, levels) == 0.0
+    assert frame_choice.motion(levels, levels[::-1, ::-1]) == np.inf
 
 
 def write_ten_bits(path, levels, codes, tags=""):

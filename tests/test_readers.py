@@ -468,7 +468,7 @@ class TestTransforms:
                 "gone.png: image not found, but .*transforms.json lists it",
             ),
             (lambda c: c.pop("fl_x") and c.pop("fl_y"), "no focal length"),
-            (lambda c: c.update(fl_x=-20.0), "no focal length"),
+            (lambda c: c.update(fl_x=-20.0), "fl_x of .* is -20"),
             (lambda c: c.update(fl_x="20"), "fl_x of .* is '20'; expected a finite"),
             (lambda c: c.update(k1=math.nan), "k1 of .* is nan"),
             (lambda c: c.update(w=0), "picture size 0x18 is empty"),
@@ -488,6 +488,12 @@ class TestTransforms:
         path.write_text(path.read_text()[:100])
         with pytest.raises(UserError, match=r"transforms\.json: not a JSON file"):
             read(tmp_path)
+
+
+def spoiled(rows: np.ndarray, place: tuple[int, int], value: float) -> np.ndarray:
+    changed = rows.copy()
+    changed[place] = value
+    return changed
 
 
 class TestLlff:
@@ -511,8 +517,8 @@ class TestLlff:
         ("spoil", "message"),
         [
             (lambda rows: rows[:, :15], r"shape \(6, 15\); expected \(views, 17\)"),
-            (lambda rows: np.where(np.arange(17) == 4, -1.0, rows), "row 0"),
-            (lambda rows: np.where(np.arange(17) == 16, np.nan, rows), "row 0"),
+            (lambda rows: spoiled(rows, (3, 4), -1.0), "row 3"),
+            (lambda rows: spoiled(rows, (5, 16), np.nan), "row 5"),
         ],
     )
     def test_broken_rows_are_refused(self, tmp_path, spoil, message):
@@ -579,3 +585,54 @@ class TestColmap:
         write_model(tmp_path / "sparse/0", empty)
         with pytest.raises(UserError, match="no registered image"):
             read(tmp_path)
+
+
+def change_first(key, value):
+    return lambda content: content["frames"][0].update({key: value})
+
+
+@pytest.mark.parametrize(
+    "key, value, words",
+    [
+        (
+            "transform_matrix",
+            np.vstack([WORLD.camtoworlds[0], [0, 0, 0, 1]]).T.tolist(),
+            r"last row .* transpose it",
+        ),
+        ("transform_matrix", [[10**400] * 4] * 4, "not a 4x4"),
+        ("fl_x", 0.0, r"fl_x of .* is 0; expected pixels, above 0"),
+        ("fl_y", -20.0, r"fl_y of .* is -20; expected pixels, above 0"),
+    ],
+)
+def test_a_frame_that_cannot_be_meant_is_refused(key, value, words, tmp_path):
+    folder = write_nerfstudio(tmp_path, WORLD)
+    edit_json(folder / "transforms.json", change_first(key, value))
+    with pytest.raises(UserError, match=words):
+        readers.read_files(folder, "auto", "")
+
+
+def test_a_view_of_both_splits_is_held_out_and_named(tmp_path, capsys):
+    folder = write_blender(tmp_path, WORLD)
+
+    def also_train(content):
+        content["frames"] += frame_entries(WORLD, "low")[1:2]
+
+    edit_json(folder / "transforms_test.json", also_train)
+    files = readers.read_files(folder, "auto", "")
+    assert files.test_names == frozenset(WORLD.names[:2])
+    assert "1 of its views are in transforms_train.json too" in capsys.readouterr().out
+
+
+def test_a_folder_of_two_formats_says_which_is_read(tmp_path, capsys):
+    write_nerfstudio(tmp_path, WORLD)
+    write_colmap(tmp_path, WORLD)
+    assert readers.read_files(tmp_path, "auto", "").format == "nerfstudio"
+    assert "read as nerfstudio; it has the files of colmap" in capsys.readouterr().out
+
+
+def test_a_picture_that_no_frame_lists_is_named(tmp_path, capsys):
+    folder = write_nerfstudio(tmp_path, WORLD)
+    edit_json(folder / "transforms.json", lambda content: content["frames"].pop())
+    assert len(readers.read_files(folder, "auto", "").names) == len(WORLD.names) - 1
+    said = capsys.readouterr().out
+    assert "1 of 6 pictures are in no frame of transforms.json: 00.png left out" in said

@@ -694,3 +694,18 @@ def test_gains_that_make_no_sense_are_named(tmp_path, gains):
     write_json(folder / "exposures.json", content)
     with pytest.raises(UserError, match=r"exposures\.json.*Config\.photo_gains"):
         load(folder)
+
+
+def test_photos_without_any_light_are_refused(tmp_path):
+    folder = write_nerfstudio(tmp_path, WORLD, **BOUNDS)
+    for name in WORLD.names:
+        image_io.write(folder / "images" / name, flat_picture(0))
+    with pytest.raises(UserError, match=r"images: all \d photos are black"):
+        load(folder)
+
+
+def test_cameras_at_one_place_are_warned_of(tmp_path, capsys):
+    still = dataclasses.replace(WORLD, camtoworlds=WORLD.camtoworlds.copy())
+    still.camtoworlds[:, :, 3] = WORLD.camtoworlds[0, :, 3]
+    load(write_nerfstudio(tmp_path, still, **BOUNDS))
+    assert "all 6 cameras stand at one place" in capsys.readouterr().out

@@ -25,8 +25,9 @@ from internal.comparison import scored_run
 from internal.configs import load_config
 from internal.errors import Diverged, UserError
 from internal.files import image_io
+from internal.launching.run import RECORD
 from internal.pages import report
-from internal.saved_config import to_json
+from internal.scoring import metrics
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
 from tests.conftest import TINY_MODEL, TINY_PLAIN, bindings, flags
@@ -212,6 +213,38 @@ def test_test_views_of_bright_photos_alone_are_scored_against_them(tmp_path):
     assert not (own / "eval/input").exists() and (own / "eval/truth/04.png").is_file()
 
 
+def test_evaluation_shows_and_leaves_out_what_is_masked(run, tmp_path, monkeypatch):
+    shutil.copytree(run, tmp_path / "run")
+    mask = np.ones((32, 36), bool)
+    mask[:8] = False
+
+    def load_masked(config, split):
+        scene = load_split(config, split)
+        if split == "train":
+            return scene
+        hidden = np.uint16(40000)
+        under = {
+            view: np.where(mask[..., None], truth, hidden)
+            for view, truth in scene.truth.items()
+        }
+        return dataclasses.replace(scene, masks=(mask,), truth=under)
+
+    monkeypatch.setattr(eval_script.cli, "load_split", load_masked)
+    assert eval_script.main([f"--run={tmp_path / 'run'}"]) == 0
+    folder = tmp_path / "run" / "eval"
+    result = json.loads((folder / "metrics.json").read_text())
+    assert result["masked"] == {"000.png": 0.25}
+    enhanced, truth = (
+        image_io.read_srgb(folder / output / "000.png")
+        for output in ("enhanced", "truth")
+    )
+    scores = metrics.score(enhanced, truth, mask)
+    assert result["views"]["000.png"]["enhanced"] == pytest.approx(scores, rel=1e-4)
+    assert len(np.unique(truth[:8].reshape(-1, 3), axis=0)) == 2  # stripes
+    text = "Hatched pixels of photo and truth (25.0 % on average) are masked"
+    assert text in (folder / "index.html").read_text()
+
+
 def test_rendering_writes_videos_and_goes_on_where_it_stopped(scene, run):
     arguments = [f"--run={run}"]
     assert render_script.main(arguments) == 0
@@ -256,8 +289,9 @@ def test_a_sweep_compares_what_is_done_and_runs_nothing_twice(scene, run, tmp_pa
     variants = ["--variants", "bright: Gamma.exposure_target = 0.9"]
     for name, own in {"full": [], "bright": ["Gamma.exposure_target = 0.9"]}.items():
         shutil.copytree(run / "eval", tmp_path / name / "eval")
-        config = scored_run.config_of(tmp_path / name, [], [*bindings(scene), *own])
-        (tmp_path / name / scored_run.RECORD).write_text(to_json(config))
+        folder = tmp_path / name
+        done = scored_run.scored_run(name, folder, [], [*bindings(scene), *own])
+        (folder / RECORD).write_text(done.record)
     assert sweep_script.main([*arguments, *variants]) == 0
     assert "| bright |" in (tmp_path / "table.md").read_text()
     assert len((tmp_path / "table.csv").read_text().splitlines()) == 3
@@ -292,7 +326,7 @@ def test_curves_of_several_runs_share_a_chart_and_leave_out_what_never_changes(
 def test_a_sweep_refuses_before_the_first_training(
     variants, message, scene, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(sweep_script, "train_and_score", pytest.fail)
+    monkeypatch.setattr(sweep_script, "scored_run", pytest.fail)
     arguments = [*flags(scene, tmp_path), "--variants", *variants]
     with pytest.raises(UserError, match=message):
         sweep_script.main(arguments)

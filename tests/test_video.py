@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 
+from internal import extras
 from internal.errors import UserError
 from internal.files import video
 
@@ -72,6 +73,6 @@ def test_missing_folder_is_the_users_error(tmp_path):
 
 
 def test_missing_extra_is_the_users_error(tmp_path, monkeypatch):
-    monkeypatch.setattr(video, "available", lambda: False)
+    monkeypatch.setattr(extras, "has", lambda *_: False)
     with pytest.raises(UserError, match=r"pip install -e '\.\[video\]'"):
         video.write_video(_frames(1, 32, 32), tmp_path / "path.mp4", 30)

@@ -24,6 +24,7 @@ from internal.cameras import Lens
 from internal.configs import Config, ModelConfig, load_config
 from internal.enhancements.gamma import Gamma, GammaLit
 from internal.enhancements.look import Look
+from internal.enhancements.tone import Curve, develop
 from internal.errors import UserError
 from internal.files import image_io
 from internal.models import Model
@@ -41,7 +42,9 @@ from internal.viewer.jobs import Job, Speedometer, Task
 from internal.viewer.server import Server
 from internal.viewer.session import Session
 from internal.viewer.sharing import Turns
-from internal.viewer.studio import Studio, Trained, with_fewer_samples
+from internal.viewer.studio import Studio, with_fewer_samples
+from internal.viewer.trained import Trained
+from internal.viewer.white_point import make_gray
 from tests.browser import until
 from tests.scene_writers import facing_world, write_blender
 
@@ -201,6 +204,46 @@ def test_exposure_and_colour_render_nothing_and_contrast_does(studio, page):
     assert len(studio.edits) > rendered
     np.testing.assert_array_equal(studio.edits[-1].contrast, 2.0)
     np.testing.assert_array_equal(studio.edits[-1].gains, np.ones(3))
+
+
+COLOURS = [(0.6, 0.5, 0.45), (0.2, 0.3, 0.4), (0.05, 0.05, 0.04)]
+
+
+def tone_pixel(dark, look):
+    return develop(np.array(dark) / 4, Curve(3.0, jnp.asarray(1.4)), look.edit())
+
+
+def gamma_pixel(dark, look):
+    return np.array(dark) * look.edit().coded_gains
+
+
+@pytest.mark.parametrize("dark", COLOURS)
+@pytest.mark.parametrize("shown", [tone_pixel, gamma_pixel])
+def test_what_is_picked_becomes_gray_and_the_rest_of_the_look_stays(shown, dark):
+    look = Look(strength=0.8, exposure=0.5, temperature=5000.0, tint=0.3, contrast=1.2)
+    solved = make_gray(lambda look: np.asarray(shown(dark, look)), look)
+    red, green, blue = np.asarray(shown(dark, solved))
+    assert max(abs(red - green), abs(blue - green)) < 0.01 * green
+    rest = dataclasses.replace(solved, temperature=look.temperature, tint=look.tint)
+    assert rest == look
+
+
+def test_what_no_light_makes_gray_is_refused():
+    for dark, reason in (((0.0, 0.9, 0.0), "its own"), ((0.0,) * 3, "black")):
+        with pytest.raises(UserError, match=reason):
+            make_gray(lambda look, dark=dark: gamma_pixel(dark, look), Look())
+
+
+def test_a_pick_undoes_the_light_that_turned_a_gray_picture(studio, page):
+    page.session.stand(CAMERA)
+    page.session.light(Look(temperature=3000.0, tint=0.4, exposure=-1.0))
+    work(studio)
+    red, _, blue = page.frames[-1].picture[5, 5].astype(int)
+    assert red > blue + 50
+    page.session.light(page.session.white_point((1.0, 0.5)))
+    work(studio)
+    assert np.ptp(page.frames[-1].picture[5, 5].astype(int)) <= 1
+    assert page.session.look.exposure == -1.0
 
 
 def test_a_split_shows_one_output_on_each_side():

@@ -6,16 +6,15 @@ extra ``enhance2d`` brings OpenCV. Pictures are ``[height, width, 3]`` float32 s
 in [0, 1]; OpenCV's algorithms see them in 8 bits.
 """
 
-import importlib.util
 from collections.abc import Callable
 
 import numpy as np
 import scipy.ndimage
 from jaxtyping import Float
 
+from internal import extras
 from internal.color import quantize, to_uint8
 from internal.comparison.lime import lime
-from internal.errors import UserError
 from internal.scoring.baselines import gain_to_mean
 
 Picture = Float[np.ndarray, "height width 3"]
@@ -32,22 +31,14 @@ NOISE_KERNEL = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
 MAD_OF_NORMAL = 0.6745  # median of |x| for x of standard deviation 1
 
 
-def available() -> bool:
-    """Whether the extra ``enhance2d`` is installed."""
-    return importlib.util.find_spec("cv2") is not None
-
-
 def check_available(name: str) -> None:
     """Refuses an enhancer where the extra ``enhance2d`` is not installed.
 
     Raises:
         UserError: says how to install it.
     """
-    if not available():
-        raise UserError(
-            f"{name} needs OpenCV: run pip install -e '.[enhance2d]', or leave the "
-            "method out of the list"
-        )
+    instead = "leave the method out of the list"
+    extras.need("enhance2d", "cv2", to=name, otherwise=instead)
 
 
 def clahe(srgb: Picture) -> Picture:

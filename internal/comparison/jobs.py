@@ -23,13 +23,15 @@ from internal import cli, configs, progress
 from internal.color import from_uint16
 from internal.comparison.enhancers import ENHANCERS, VERSION
 from internal.comparison.methods import Method
-from internal.comparison.scored_run import train_and_score
+from internal.comparison.scored_run import scored_run
 from internal.configs import Config
 from internal.errors import UserError
 from internal.files import atomic, image_io
 from internal.files.listing import flat_pngs
 from internal.files.made_folder import Facts, make_folder
+from internal.launching.run import Run
 from internal.scene import readers
+from internal.scene.masks import filled, hatched, read_mask
 from internal.scoring import evaluation
 from internal.training import run_folder
 
@@ -149,15 +151,27 @@ def check_settings(jobs: Sequence[Job], gin_bindings: Sequence[str]) -> None:
             )
 
 
-def do(out: Path, job: Job, gin_bindings: Sequence[str]) -> int:
-    """Does a job, or what is missing of it.
-
-    Returns:
-        0, or the exit code of the script that failed or was stopped.
+def score_photos(out: Path, job: Job, gin_bindings: Sequence[str]) -> None:
+    """Does a job without training, or what is missing of it.
 
     Raises:
         UserError: anything that the user has to fix.
     """
+    _score_photos(out, job, _with_photos(out, job, gin_bindings))
+
+
+def training(out: Path, job: Job, gin_bindings: Sequence[str]) -> Run:
+    """What is to be run for a job that trains; its photos are enhanced first.
+
+    Raises:
+        UserError: anything that the user has to fix.
+    """
+    bindings = _with_photos(out, job, gin_bindings)
+    return scored_run(str(job), _run(out, job), job.train, bindings)
+
+
+def _with_photos(out: Path, job: Job, gin_bindings: Sequence[str]) -> list[str]:
+    """The bindings of a job with those of its photos, which are there afterwards."""
     data_dir = str(job.data_dir.resolve())
     bindings = [*settings(job, gin_bindings), f"Config.data_dir = {data_dir!r}"]
     images = job.photos
@@ -167,10 +181,7 @@ def do(out: Path, job: Job, gin_bindings: Sequence[str]) -> int:
         bindings.insert(0, "Config.pair_by = 'number'")
     if images:
         bindings.append(f"Config.images_dir = {images!r}")
-    if job.train:
-        return train_and_score(_run(out, job), job.train, bindings)
-    _score_photos(out, job, bindings)
-    return 0
+    return bindings
 
 
 def is_scored(out: Path, job: Job) -> bool:
@@ -228,18 +239,21 @@ def _enhanced_photos(out: Path, job: Job, config: Config) -> Path:
         files = readers.read_files(
             job.data_dir, config.dataset_loader, config.images_dir
         )
-        named = list(zip(files.names, files.image_paths, strict=True))
-        if len({Path(name).with_suffix("") for name in files.names}) < len(named):
+        count = len(files.names)
+        if len({Path(name).with_suffix("") for name in files.names}) < count:
             raise UserError(
                 f"{job.data_dir}: two of its pictures differ only in their ending; "
                 "rename one"
             )
-        for name, path in progress.track(named, len(named), job.photos, "photo"):
-            inside = Path(name).relative_to(Path(name).anchor)
+        for view in progress.track(range(count), count, job.photos, "photo"):
+            inside = Path(files.names[view]).relative_to(Path(files.names[view]).anchor)
             target = (partial / inside).with_suffix(".png")
             target.parent.mkdir(parents=True, exist_ok=True)
-            image_io.write(target, ENHANCERS[job.photos](image_io.read_srgb(path)))
-        return {"photos": float(len(named))}
+            mask = read_mask(files, view)
+            srgb = image_io.read_srgb(files.image_paths[view], files.upright)
+            enhanced = ENHANCERS[job.photos](filled(srgb, mask))
+            image_io.write(target, image_io.with_alpha(enhanced, mask))
+        return {"photos": float(count)}
 
     make_folder(folder, settings, fill, overwrite=False)
     return folder
@@ -263,15 +277,17 @@ def _score_photos(out: Path, job: Job, bindings: Sequence[str]) -> None:
         for index, name in enumerate(
             progress.track(names, len(names), "scoring", "photo")
         ):
-            photo = from_uint16(scene.images[index])
-            shown = evaluation.brightened(photo)
+            photo, mask = from_uint16(scene.images[index]), scene.mask(index)
+            shown = evaluation.brightened(photo, mask)
             if index in scene.truth:
                 truth = from_uint16(scene.truth[index])
-                views[name] = evaluation.score_pictures(shown, truth)
+                if mask.any():
+                    views[name] = evaluation.score_pictures(shown, truth, mask)
                 shown["truth"] = truth
-            _write_pictures(partial, pngs[index], shown)
-        mean = evaluation.mean_scores(views) if views else {}
-        result = {"views": views, "mean": mean}
+            hidden = {kind: hatched(srgb, mask) for kind, srgb in shown.items()}
+            _write_pictures(partial, pngs[index], hidden)
+        mean = evaluation.mean_scores(views)
+        result = {"masked": scene.masked, "views": views, "mean": mean}
         atomic.write_text(partial / "metrics.json", json.dumps(result, indent=2) + "\n")
         return {"views": float(len(names))}
 

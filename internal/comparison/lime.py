@@ -4,7 +4,7 @@
 A picture is light times reflectance. The light is at least the greatest of a
 pixel's channels; made smooth but for the edges of objects, and with its power taken
 down, it is divided out. Pictures are ``[height, width, 3]`` sRGB in [0, 1], maps
-``[height, width]``. Equation numbers are those of the published paper.
+``[height, width]``.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ EPS = 1e-3  # keeps flat regions from infinite weight, and black from division b
 def lime(
     srgb: Float[np.ndarray, "height width 3"],
 ) -> Float[np.ndarray, "height width 3"]:
-    """The picture with its light divided out, clipped (Eqs. 1, 18)."""
+    """The picture with its light divided out, clipped (LIME Eq. 1)."""
     light = smooth_light(srgb.max(axis=-1))
     lit = srgb / np.maximum(light, EPS)[..., None] ** LIGHT_POWER
     return np.clip(lit, 0.0, 1.0).astype(np.float32)
@@ -34,7 +34,7 @@ def smooth_light(
     """The map that is near ``light`` and smooth across texture, not across edges.
 
     Minimises the sum of (map - light)^2 + alpha w (d map)^2 over pixels and both
-    directions (Eq. 17), a sparse linear system.
+    directions (LIME Eq. 17), a sparse linear system.
     """
     height, width = light.shape
     steps = (
@@ -54,7 +54,7 @@ def smooth_light(
 def edge_weights(
     light: Float[np.ndarray, "height width"], axis: int
 ) -> Float[np.ndarray, "_height _width"]:
-    """Weights of the differences along ``axis``, small at edges (Eqs. 14, 17).
+    """Weights of the differences along ``axis``, small at edges (LIME Eq. 14).
 
     Differences are summed over a window before their size is taken: those of
     texture and noise cancel, those of an edge do not.

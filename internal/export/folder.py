@@ -250,7 +250,7 @@ def _sighting(scene: Scene, view: int, rendering: Rendering | LitRendering) -> S
     directions = colmap.lens_directions(lens).reshape(lens.height, lens.width, 3)
     scale = poses.scale_of(scene.model_from_world)
     points = surface_points(scene.space, camtoworld, directions, depth)
-    is_surface = ~is_background(depth, scale * scene.far)
+    is_surface = ~is_background(depth, scale * scene.far) & scene.mask(view)
     dark = color.to_uint8(rendering.rgb)
     return Sighting(lens, camtoworld, color.to_uint8(lit), dark, points, is_surface)
 

@@ -6,14 +6,12 @@ Coordinates are those of whoever calls; colours are 8-bit sRGB.
 """
 
 import dataclasses
-import importlib.util
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from internal.errors import UserError
 from internal.export.density import Density
 from internal.files import atomic, ply
 
@@ -37,13 +35,6 @@ class Mesh:
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "m 3"]
     colors: UInt8[np.ndarray, "n 3"]
-
-
-def check_available() -> None:
-    """Raises a ``UserError`` unless the extra ``export`` is installed."""
-    for package in ("trimesh", "skimage"):
-        if importlib.util.find_spec(package) is None:
-            raise UserError(f"export needs {package}: run pip install -e '.[export]'")
 
 
 def choose_threshold(densities: Float[np.ndarray, " n"]) -> float:

@@ -24,7 +24,7 @@ class Sighting:
     srgb: UInt8[np.ndarray, "height width 3"]  # lit
     dark_srgb: UInt8[np.ndarray, "height width 3"]  # as photographed
     points: Float[np.ndarray, "height width 3"]
-    is_surface: Bool[np.ndarray, "height width"]  # not background
+    is_surface: Bool[np.ndarray, "height width"]  # not background nor masked
 
     @property
     def looks(self) -> dict[str, UInt8[np.ndarray, "height width 3"]]:

@@ -19,7 +19,7 @@ from internal import grids
 from internal.binding import configurable, typed
 from internal.fields.base import Dense
 
-TABLE_INIT = 1e-4  # features start close to nothing (Instant NGP, Sec. 4)
+TABLE_INIT = 1e-4  # features start close to nothing (Instant NGP Sec. 4)
 
 
 @configurable("HashGrid")

@@ -9,7 +9,6 @@ format, not a tag beside it: all programs see the same pixels, so "as stored" an
 
 import contextlib
 import dataclasses
-import importlib.util
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from internal import extras
 from internal.errors import UserError
 
 EXTENSIONS = frozenset(".heic .heif .hif .avif".split())
@@ -35,11 +35,6 @@ class Photo:
     pixels: Float[np.ndarray, "h w channels"]  # 1 to 4 channels in [0, 1], alpha last
     icc: bytes  # empty if there is no profile
     codes: tuple[int, int]  # primaries and transfer of H.273; 2, 2 if not stated
-
-
-def available() -> bool:
-    """Whether the extra ``heif`` is installed."""
-    return importlib.util.find_spec("pillow_heif") is not None
 
 
 def is_heif(path: Path) -> bool:
@@ -98,11 +93,8 @@ def read_camera(path: Path) -> tuple[str, str, float]:
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """The photo, upright, which is decoded when its pixels are asked for."""
-    if not available():
-        raise UserError(
-            f"{path}: HEIC, HEIF and AVIF photos need the extra: run pip install -e "
-            "'.[heif]', or export them to JPEG"
-        )
+    what = f"{path}: a HEIC, HEIF or AVIF photo"
+    extras.need("heif", "pillow_heif", to=what, otherwise="export it to JPEG")
     import pillow_heif
     from PIL import Image, ImageOps
 

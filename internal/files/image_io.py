@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from internal.errors import UserError
 from internal.files import atomic, color_profile, heif
@@ -99,7 +99,7 @@ def has_alpha(path: Path) -> bool:
     if heif.is_heif(path):
         return heif.has_alpha(path)
     with _open(path) as file:
-        return file.spec().alpha_channel >= 0
+        return _alpha_channel(file.spec()) >= 0
 
 
 def read_alpha(path: Path, upright: bool = True) -> Float[np.ndarray, "height width"]:
@@ -169,6 +169,17 @@ def write(
             raise UserError(
                 f"{path}: cannot write ({reason}); free space or pick another folder"
             )
+
+
+def with_alpha(
+    srgb: Float[np.ndarray, "height width 3"],
+    opaque: Bool[np.ndarray, "#height #width"],
+) -> Float[np.ndarray, "height width channels"]:
+    """The picture with an alpha channel, or as it is if all of it is opaque."""
+    if opaque.all():
+        return srgb
+    alpha = np.broadcast_to(opaque, srgb.shape[:2])[..., None]
+    return np.concatenate([srgb, alpha.astype(np.float32)], axis=-1)
 
 
 def writable(name: Path) -> Path:
@@ -296,7 +307,7 @@ def _unreadable(path: Path, error: str) -> UserError:
 
 def _fault(kind: str, spec: oiio.ImageSpec) -> str:
     """Why a file with this header is no photo that can be taken; "" if it is one."""
-    colors = spec.nchannels - (spec.alpha_channel >= 0)
+    colors = spec.nchannels - (_alpha_channel(spec) >= 0)
     if min(spec.width, spec.height, colors) < 1:
         return "no pixels; expected a picture"
     if any(spec.get_string_attribute(key) in PRINT_COLORS for key in COLOR_KEYS):
@@ -320,9 +331,16 @@ def _fault(kind: str, spec: oiio.ImageSpec) -> str:
     return ""
 
 
+def _alpha_channel(spec: oiio.ImageSpec) -> int:
+    """Its index, -1 without one. Of a GIF the library states one past the last."""
+    stated = spec.alpha_channel
+    return min(stated, spec.nchannels - 1) if stated > 0 else stated
+
+
 def _used_channels(spec: oiio.ImageSpec) -> list[int]:
     """Grey or R, G, B, and alpha: not the depths, infrared, ... beside them."""
-    alpha = [spec.alpha_channel] if spec.alpha_channel >= 0 else []
+    channel = _alpha_channel(spec)
+    alpha = [channel] if channel >= 0 else []
     return list(range(1 if spec.nchannels - len(alpha) == 1 else 3)) + alpha
 
 
@@ -365,7 +383,7 @@ def _stated_encoding(path: Path, kind: str, spec: oiio.ImageSpec) -> Encoding | 
         return color_profile.from_gamma(1.0, *([tuple(stated)] if stated else []))
     icc = spec.getattribute("ICCProfile")
     codes = (spec.getattribute("CICP") or UNSTATED)[:2]
-    colors = spec.nchannels - (spec.alpha_channel >= 0)
+    colors = spec.nchannels - (_alpha_channel(spec) >= 0)
     encoding = _encoding(path, bytes(icc) if icc is not None else b"", codes, colors)
     if encoding or icc is not None or codes != UNSTATED:
         return encoding

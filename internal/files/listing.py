@@ -17,6 +17,7 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 
+from internal import extras
 from internal.errors import UserError
 from internal.files import heif, image_io
 
@@ -192,8 +193,8 @@ def _why_not(path: Path) -> str:
     if not path.is_file():
         is_dangling = path.is_symlink() and not path.exists()
         return "a link to nothing" if is_dangling else "not a file"
-    if ending in heif.EXTENSIONS and not heif.available():
-        return "needs the extra: pip install -e '.[heif]'"
+    if ending in heif.EXTENSIONS and not extras.has("pillow_heif"):
+        return f"needs the extra: {extras.install('heif')}"
     return ""
 
 

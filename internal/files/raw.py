@@ -4,18 +4,13 @@
 The optional extra ``raw`` brings rawpy with its own LibRaw.
 """
 
-import importlib.util
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from internal import extras
 from internal.errors import UserError
-
-
-def available() -> bool:
-    """Whether the extra ``raw`` is installed."""
-    return importlib.util.find_spec("rawpy") is not None
 
 
 def develop(path: Path) -> Float[np.ndarray, "height width 3"]:
@@ -30,11 +25,8 @@ def develop(path: Path) -> Float[np.ndarray, "height width 3"]:
     Raises:
         UserError: rawpy is missing, or the file is no RAW photo.
     """
-    if not available():
-        raise UserError(
-            f"{path}: RAW photo; run pip install -e '.[raw]' to develop it, or "
-            "develop it to JPEG or PNG with a fixed exposure and white balance"
-        )
+    instead = "develop it to JPEG or PNG with a fixed exposure and white balance"
+    extras.need("raw", "rawpy", to=f"{path}: a RAW photo", otherwise=instead)
     import rawpy
 
     try:

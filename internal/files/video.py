@@ -7,7 +7,6 @@ from what the video states (``color_profile``); BT.709 is shown as sRGB is.
 """
 
 import dataclasses
-import importlib.util
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from internal import extras
 from internal.errors import UserError
 from internal.files.atomic import writing
 from internal.files.color_profile import Encoding, from_codes, to_srgb
@@ -28,11 +28,6 @@ CUT_OFF = 0.1  # of the stated length, or a second: a file copied in part
 # Codes of H.273; players take large videos that state nothing as BT.709.
 UNSTATED, BT709_MATRIX, SD_HEIGHT = 2, 1, 576
 BT709 = "colorprim=bt709:transfer=bt709:colormatrix=bt709"
-
-
-def available() -> bool:
-    """Whether the extra ``video`` is installed."""
-    return importlib.util.find_spec("av") is not None
 
 
 def write_video(
@@ -52,8 +47,7 @@ def write_video(
         UserError: PyAV is missing, the folder cannot be written or the disk is
             full.
     """
-    if not available():
-        raise UserError(f"{path}: videos need PyAV: run pip install -e '.[video]'")
+    extras.need("video", "av", to=f"{path}: a video")
     with writing(path) as partial:
         _encode(frames, partial, fps)
 
@@ -97,8 +91,7 @@ def read_video(path: Path) -> Iterator[Frame]:
     Raises:
         UserError: PyAV is missing, or the file is no video that it can read.
     """
-    if not available():
-        raise UserError(f"{path}: videos need PyAV: run pip install -e '.[video]'")
+    extras.need("video", "av", to=f"{path}: a video")
     import av
     from av.error import FFmpegError
 

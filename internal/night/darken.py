@@ -24,7 +24,9 @@ from internal.files.listing import list_files
 from internal.files.made_folder import Facts, make_folder
 from internal.night.capture import CaptureModel, capture, view_key
 from internal.scene import readers
+from internal.scene.masks import Mask, opaque
 from internal.scene.pairing import find_truth_folder
+from internal.scene.readers.base import SceneFiles
 
 TRUTH = "high"
 POSE_FILES = ("transforms*.json", "poses_bounds.npy", "sparse", "colmap")
@@ -56,7 +58,8 @@ def darken(
 
     Args:
         data_dir: normal-light dataset in any format that ``readers`` know.
-        folder: appears whole: pose files, dark pictures under their paths, ``high``.
+        folder: appears whole: pose files, masks and dark pictures under their paths,
+            ``high``. What is transparent in a picture stays so.
         model: of the dark captures; a view's noise depends on its place by name.
         images_dir: folder in ``data_dir`` of the pictures to take, e.g. images_8;
             "" takes the ones that the pose files state.
@@ -71,7 +74,7 @@ def darken(
         UserError: no dataset, one with truth already, or ``folder`` is in use.
     """
     files = readers.read_files(data_dir, "auto", images_dir)
-    _check(data_dir, folder, files.image_paths)
+    _check(data_dir, folder, files)
     settings = {
         **{"darkened": str(data_dir.resolve()), "images_dir": images_dir},
         **({"jpeg_quality": jpeg_quality} if jpeg_quality else {}),
@@ -89,12 +92,15 @@ def darken(
         levels = {"dark_level": 0.0, "truth_level": 0.0}
         for view, source in enumerate(tqdm(files.image_paths, "darkening")):
             _copy(source, partial / TRUTH / truth[view])
-            srgb = image_io.read_srgb(source)
+            srgb = image_io.read_srgb(source, files.upright)
             dark = capture(color.srgb_to_linear(srgb), model, view_key(model, view))
-            inside = _absolute(source).relative_to(_absolute(data_dir))
-            target = partial / image_io.writable(inside)
+            target = partial / image_io.writable(_inside(data_dir, source))
             target.parent.mkdir(parents=True, exist_ok=True)
-            _store(target, color.quantize(dark / 255.0), jpeg_quality)
+            mask_path = files.mask_paths[view]
+            if mask_path:
+                _copy(mask_path, partial / _inside(data_dir, mask_path))
+            srgb_dark = color.quantize(dark / 255.0)
+            _store(target, srgb_dark, opaque(files, view), jpeg_quality)
             levels["dark_level"] += float(dark.mean()) / len(truth)
             levels["truth_level"] += 255.0 * float(srgb.mean()) / len(truth)
         return levels | {"views": len(truth)}
@@ -102,30 +108,35 @@ def darken(
     return make_folder(folder, settings, fill, overwrite=overwrite)
 
 
-def _store(path: Path, srgb: Float[np.ndarray, "_h _w 3"], jpeg_quality: int) -> None:
+def _store(
+    path: Path, srgb: Float[np.ndarray, "_h _w 3"], opaque: Mask, jpeg_quality: int
+) -> None:
     """Writes a picture, through a JPEG file if there is a quality for it."""
     if not jpeg_quality:
-        image_io.write(path, srgb)
+        image_io.write(path, image_io.with_alpha(srgb, opaque))
     elif path.suffix.lower() in (".jpg", ".jpeg"):
         image_io.write(path, srgb, jpeg_quality=jpeg_quality)
     else:
         with tempfile.TemporaryDirectory() as scratch:
             compressed = Path(scratch) / "photo.jpg"
             image_io.write(compressed, srgb, jpeg_quality=jpeg_quality)
-            image_io.write(path, image_io.read_srgb(compressed))
+            srgb = image_io.read_srgb(compressed)
+            image_io.write(path, image_io.with_alpha(srgb, opaque))
 
 
-def _check(data_dir: Path, folder: Path, image_paths: Sequence[Path]) -> None:
-    truth = find_truth_folder(data_dir, image_paths[0].parent)
+def _check(data_dir: Path, folder: Path, files: SceneFiles) -> None:
+    truth = find_truth_folder(data_dir, files.image_paths[0].parent)
     if truth:
         raise UserError(f"{truth}: the scene has normal-light truth already")
     if folder.resolve().is_relative_to(data_dir.resolve()):
         raise UserError(f"{folder}: lies in the dataset itself; choose another folder")
-    if len({image_io.writable(path) for path in image_paths}) < len(image_paths):
+    written = {image_io.writable(path) for path in files.image_paths}
+    if len(written) < len(files.image_paths):
         raise UserError(
             f"{data_dir}: two of its pictures differ only in their ending; rename one"
         )
-    for path in image_paths:
+    masks = [path for path in files.mask_paths if path]
+    for path in (*files.image_paths, *masks):
         if not _absolute(path).is_relative_to(_absolute(data_dir)):
             raise UserError(f"{path}: lies outside of {data_dir}; move it there")
 
@@ -144,6 +155,10 @@ def _copy_pose_files(data_dir: Path, folder: Path) -> None:
             for path in list_files(source) if source.is_dir() else [source]:
                 if path.is_file() and not image_io.is_image(path):
                     _copy(path, folder / path.relative_to(data_dir))
+
+
+def _inside(data_dir: Path, path: Path) -> Path:
+    return _absolute(path).relative_to(_absolute(data_dir))
 
 
 def _absolute(path: Path) -> Path:

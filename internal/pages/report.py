@@ -29,6 +29,23 @@ def compare_outputs(media: Media, right: str) -> pages.Markup:
     )  # fmt: skip
 
 
+def about_masks(masked: Mapping[str, float], views: int) -> str:
+    """What to know of masks in pictures and scores; "" where nothing is masked.
+
+    Args:
+        masked: the masked part of each of ``views`` of which anything is.
+    """
+    if not masked:
+        return ""
+    whole = [name for name, part in masked.items() if part == 1.0]
+    text = (
+        f" Hatched pixels of photo and truth ({100 * sum(masked.values()) / views:.1f} "
+        "% on average) are masked: they are in no score."
+    )
+    none = f" Masked as a whole, without scores: {', '.join(whole)}."
+    return text + (none if whole else "")
+
+
 def evidence_legend() -> pages.Markup:
     """The meaning of the false colours of evidence."""
     return pages.Markup(

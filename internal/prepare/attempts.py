@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ways to recover cameras from dark photos, tried in turn until one places enough.
 
-The order was measured (docs/own_photos.md): most photos need the first alone. Each
+The order was measured (docs/your_photos.md): most photos need the first alone. Each
 way keeps its copies and its database in a folder of its own, so that an interrupted
 run goes on where it was.
 """

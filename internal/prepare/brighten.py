@@ -2,7 +2,7 @@
 """Copies of dark photos in which features are found. Nobody trains on them.
 
 Pictures are ``[height, width, 3]`` sRGB float32 in [0, 1]; copies are grey,
-``[height, width, 1]``, sRGB in [0, 1]. docs/own_photos.md has what was measured.
+``[height, width, 1]``, sRGB in [0, 1]. docs/your_photos.md has what was measured.
 """
 
 import dataclasses

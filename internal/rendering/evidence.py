@@ -22,6 +22,7 @@ from internal.coord import ForwardFacing, Unbounded
 from internal.rendering.pictures import Picture, outputs_of
 from internal.rendering.surfaces import is_background, surface_points
 from internal.scene import colmap
+from internal.scene.masks import Mask
 from internal.scene.noise import NODES, Noise, expectation
 from internal.scene.scene import Scene, posed_cameras
 from internal.structs import LitRendering, Rendering
@@ -77,11 +78,12 @@ class Witness:
     nearest: Float[np.ndarray, "height width"]  # of a pixel and its neighbours
     farthest: Float[np.ndarray, "height width"]
     background: Bool[np.ndarray, "height width"]  # there, too
+    mask: Bool[np.ndarray, "_height _width"]  # of its photo; what is masked, none saw
 
     def sees(
         self, points: Float[np.ndarray, "n 3"], background: Bool[np.ndarray, " n"]
     ) -> Bool[np.ndarray, " n"]:
-        """Which points are what it sees, not hidden behind it nor outside.
+        """Which points are what it sees, not hidden behind it, outside nor masked.
 
         Args:
             background: which points lie where a ray met nothing.
@@ -97,7 +99,15 @@ class Witness:
         high = (1.0 + TOLERANCE) * self.farthest[row, column]
         hit = (low <= distance) & (distance <= high)
         seen[index] = np.where(background[index], self.background[row, column], hit)
+        seen[index] &= self._counts(pixels[index])
         return seen
+
+    def _counts(self, pixels: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+        """Whether what lies at pixels of the lens counts in the photo."""
+        size = np.array(self.mask.shape[::-1])
+        places = (pixels * size / [self.lens.width, self.lens.height]).astype(int)
+        column, row = np.minimum(places, size - 1).T
+        return self.mask[row, column]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -157,7 +167,8 @@ def gather(
     """
     far = poses.scale_of(scene.model_from_world) * scene.far
     camtoworlds = np.asarray(scene.cameras.camtoworlds, np.float64)
-    asked = zip(witness_lenses(scene), camtoworlds, renderings, strict=True)
+    masks = [scene.mask(view) for view in range(len(camtoworlds))]
+    asked = zip(witness_lenses(scene), camtoworlds, renderings, masks, strict=True)
     cameras = tuple(witness(scene.space, far, *answer) for answer in asked)
     variance = noise_variance(scene.noise) / factor**2
     return Witnesses(scene.space, far, variance, cameras)
@@ -174,8 +185,10 @@ def witness(
     lens: Lens,
     camtoworld: Float[np.ndarray, "3 4"],
     rendering: Rendering | LitRendering,
+    mask: Mask,
 ) -> Witness:
-    """What a training camera sees by its rendering, ``far`` in model units.
+    """What a training camera sees by its rendering, ``far`` in model units, where the
+    mask of its photo, of any size, lets it.
 
     A pixel answers for its neighbours, since it stands for many of a larger picture.
     """
@@ -189,6 +202,7 @@ def witness(
         ndimage.minimum_filter(distance, ONE_PIXEL, mode="nearest"),
         ndimage.maximum_filter(distance, ONE_PIXEL, mode="nearest"),
         ndimage.maximum_filter(is_background(depth, far), ONE_PIXEL, mode="nearest"),
+        mask,
     )
 
 

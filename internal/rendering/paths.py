@@ -45,7 +45,7 @@ def spiral(
     radius_percentile: float = 80.0,
     radius_scale: float = 1.0,
 ) -> Float[np.ndarray, "{n} 3 4"]:
-    """Closed spiral through the middle of forward-facing views (LLFF, Sec. 5).
+    """Closed spiral through the middle of forward-facing views (LLFF Sec. 5).
 
     Every camera looks at one point straight ahead of the mean camera. Along each
     axis of the mean camera the spiral reaches as far from the mean position as

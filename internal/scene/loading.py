@@ -16,7 +16,7 @@ from internal import color, poses
 from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
-from internal.files.listing import list_pictures
+from internal.files.listing import list_pictures, say_once
 from internal.scene import colmap
 from internal.scene.masks import ASPECT_TOLERANCE, Mask, blackened
 from internal.scene.pairing import find_truth_folder, pair_truth, some
@@ -24,6 +24,7 @@ from internal.scene.readers.base import SceneFiles
 from internal.scene.unround import is_rounded, unround
 
 ROTATION_TOLERANCE = 1e-2  # hand-written JSON drifts; a mirror or a scale does not pass
+SAME_PLACE = 1e-6  # of the coordinates; single precision holds no less
 UINT16_ONE = 65535.0
 GAINS_FILE = "exposures.json"  # written by prepare.py
 BRIGHTER = 4.0  # times the light of dark photos: exposures of one series differ less
@@ -58,6 +59,17 @@ def check_poses(files: SceneFiles) -> None:
         f"{len(bad)} of {len(errors)} are bad; expected unit right, up and backward "
         "axes and a centre: estimate the poses again or remove these views"
     )
+
+
+def warn_of_one_place(files: SceneFiles) -> None:
+    """Says so if all photos were taken from one place: depth is then unknown."""
+    centres = files.camtoworlds[:, :, 3]
+    apart = np.linalg.norm(centres - centres.mean(axis=0), axis=-1).max()
+    if apart <= SAME_PLACE * np.abs(centres).max(initial=0.0):
+        say_once(
+            f"WARNING: {files.pose_paths[0]}: all {len(centres)} cameras stand at one "
+            "place, so nothing tells how far things are: take photos a step apart"
+        )
 
 
 def check_lenses(files: SceneFiles) -> None:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Masks: which pixels of a photo count. The others are neither trained nor metered.
+"""Masks: which pixels of a photo count. The others are neither trained, metered nor
+scored.
 
 A mask is a picture, black where the photo is ignored (``mask_files`` finds it). A
 photo's own alpha is one too: what is not opaque is ignored, but in Blender's scenes,
@@ -13,10 +14,12 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy import ndimage
 
 from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
+from internal.files.listing import say_once
 from internal.scene.readers.base import SceneFiles
 
 Mask = Bool[np.ndarray, "_h _w"]
@@ -24,26 +27,37 @@ Mask = Bool[np.ndarray, "_h _w"]
 ASPECT_TOLERANCE = 0.02  # of pictures that show the same
 OPAQUE = 0.999  # the faintest level of transparency in 8 bits is below
 MOST = 0.5  # of the pixels; more are masked by mistake as often as not
+ALL = np.ones((1, 1), bool)  # broadcasts to the mask of which every pixel counts
+STRIPE, PERIOD = 2, 6  # pixels, of what stands for masked ones
+STRIPE_LEVEL = 0.45  # sRGB, on black
 
 
-def load_masks(files: SceneFiles, lenses: Sequence[Lens]) -> tuple[Mask, ...]:
+def load_masks(
+    files: SceneFiles, lenses: Sequence[Lens], is_test: Bool[np.ndarray, " n"]
+) -> tuple[Mask, ...]:
     """The masks of all views at the sizes of their lenses; () if all pixels count.
+
+    A test view that is masked as a whole is named: it has no scores.
 
     Raises:
         UserError: a mask is missing, unreadable or of another shape than its photo, or
-            masks all of it.
+            masks all of a training photo, or of all test views.
     """
     masks = []
     for view, lens in enumerate(lenses):
         mask = resize_mask(read_mask(files, view), lens.width, lens.height)
-        if not mask.any():
-            photo = files.image_paths[view]
-            raise UserError(
-                f"{files.mask_paths[view] or photo}: all of {photo.name} is masked; "
-                "black is ignored, white is used: correct the mask, or take the photo "
-                "out of the scene"
-            )
         masks.append(mask)
+    seen = np.array([mask.any() for mask in masks])
+    scored = bool((seen & is_test).any())
+    for view in np.flatnonzero(~seen):
+        photo = files.image_paths[view]
+        fault = f"{files.mask_paths[view] or photo}: all of {photo.name} is masked"
+        if not (is_test[view] and scored):
+            raise UserError(
+                f"{fault}; black is ignored, white is used: correct the mask, or take "
+                "the photo out of the scene"
+            )
+        say_once(f"WARNING: {fault}: this test view is not scored")
     return () if all(mask.all() for mask in masks) else tuple(masks)
 
 
@@ -58,9 +72,15 @@ def read_mask(files: SceneFiles, view: int) -> Mask:
     mask = everything(width, height)
     if path:
         mask = mask & _read(path, photo, (width, height), files.upright)
-    if not files.transparent_is_black and image_io.has_alpha(photo):
-        mask = mask & (image_io.read_alpha(photo, files.upright) > OPAQUE)
-    return mask
+    return mask & opaque(files, view)
+
+
+def opaque(files: SceneFiles, view: int) -> Mask:
+    """Which pixels of a view's photo are not masked by its own alpha."""
+    photo = files.image_paths[view]
+    if files.transparent_is_black or not image_io.has_alpha(photo):
+        return ALL
+    return image_io.read_alpha(photo, files.upright) > OPAQUE
 
 
 def everything(width: int, height: int) -> Mask:
@@ -93,6 +113,31 @@ def blackened(
         return srgb
     hidden = resize_mask(~mask, srgb.shape[1], srgb.shape[0])
     return np.where(hidden[..., None], np.float32(0.0), srgb)
+
+
+def filled(
+    srgb: Float[np.ndarray, "height width 3"],
+    mask: Bool[np.ndarray, "#height #width"],
+) -> Float[np.ndarray, "height width 3"]:
+    """The picture, where a mask ignores it as the nearest pixel that counts: for what
+    looks at neighbours and has to look at something."""
+    if mask.all():
+        return srgb
+    hidden = ~np.broadcast_to(mask, srgb.shape[:2])
+    nearest = ndimage.distance_transform_edt(
+        hidden, return_distances=False, return_indices=True
+    )
+    row, column = np.asarray(nearest)
+    return srgb[row, column]
+
+
+def hatched(
+    srgb: Float[np.ndarray, "height width 3"], mask: Mask
+) -> Float[np.ndarray, "height width 3"]:
+    """The picture, with diagonal stripes where a mask ignores it: for people."""
+    row, column = np.indices(mask.shape)
+    stripes = np.where((row + column) % PERIOD < STRIPE, STRIPE_LEVEL, 0.0)
+    return np.where(mask[..., None], srgb, np.float32(stripes[..., None]))
 
 
 def describe(masks: Sequence[Mask]) -> str:

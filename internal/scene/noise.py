@@ -87,7 +87,8 @@ def ideal_photo(rgb: Float[Array, "*b 3"]) -> Float[Array, "*b 3"]:
 
 
 def expected_photo(noise: Noise) -> Observation:
-    """The function h(c) = E[q | c] / 255 from colours to the mean of photos of them.
+    """The function h(c) = E[q | c] / 255 from colours to the mean of photos of them:
+    the colour and the bias of its noise (LLNeRF Eq. 7).
 
     Its gradient is that of c: where noise hides a colour it has none of its own, and
     h(c) = q must pull on c nonetheless. Colours above 1 keep the bias at 1.

@@ -43,8 +43,9 @@ from internal.scene.loading import (
     load_gains,
     load_picture,
     load_truth,
+    warn_of_one_place,
 )
-from internal.scene.masks import Mask, everything, load_masks, report
+from internal.scene.masks import Mask, everything, load_masks, masked_share, report
 from internal.scene.noise import Noise, noise_of_files
 from internal.scene.readers.base import SceneFiles
 
@@ -86,13 +87,19 @@ class Scene:
         image = self.images[view]
         return image[self.masks[view]] if self.masks else np.reshape(image, (-1, 3))
 
+    @property
+    def masked(self) -> dict[str, float]:
+        """The masked part, 0 to 1, of each view of which anything is masked."""
+        named = zip(self.view_names, self.masks, strict=False)
+        return {name: masked_share([mask]) for name, mask in named if not mask.all()}
+
     @functools.cached_property
     def brightness(self) -> float:
         """Mean of the pictures, sRGB in [0, 1]; 0 without any."""
         if not self.images:
             return 0.0
-        views = range(len(self.images))
-        return float(np.mean([self.pixels(v).mean() for v in views])) / UINT16_ONE
+        seen = [self.pixels(v) for v in range(len(self.images)) if self.mask(v).any()]
+        return float(np.mean([pixels.mean() for pixels in seen])) / UINT16_ONE
 
     @functools.cached_property
     def noise(self) -> Noise:
@@ -161,6 +168,7 @@ def load_scene(
     files = readers.read_files(data_dir, dataset_loader, images_dir, pair_by)
     check_poses(files)
     check_lenses(files)
+    warn_of_one_place(files)
     lenses = fit_lenses(files, factor)
     is_test = held_out(files, holdout)
     trained = int((~is_test).sum())
@@ -186,7 +194,7 @@ def load_scene(
         path for path, is_dark in zip(files.image_paths, dark, strict=True) if is_dark
     ]
     gains[dark] = load_gains(data_dir, dark_paths, own_photos)
-    masks = load_masks(files, lenses)
+    masks = load_masks(files, lenses, is_test)
 
     views = np.flatnonzero(is_test == (split == "test"))
     if len(views) == 0:
@@ -251,6 +259,11 @@ def load_scene(
     )
     _report(scene, files, is_test, bounds, frame, truth)
     report(masks)
+    if scene.images and scene.brightness == 0.0:
+        raise UserError(
+            f"{scene.image_paths[0].parent}: all {len(scene.images)} photos are black, "
+            "without a pixel above 0: there is no light to bring out"
+        )
     if not images_dir:  # else the user chose, and LLE + NeRF chooses bright photos
         _warn_of_normal_light(scene)
     return scene

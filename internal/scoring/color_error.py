@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """CIEDE2000 through scikit-image (the only module that imports it).
 
-The optional extra ``metrics`` brings the package. Pictures are ``[height, width, 3]``
-sRGB in [0, 1].
+The optional extra ``metrics`` brings the package. Colours are sRGB in [0, 1].
 """
 
 import importlib.util
@@ -20,8 +19,8 @@ def available() -> bool:
 
 
 def ciede2000(
-    prediction: Float[Array | np.ndarray, "height width 3"],
-    truth: Float[Array | np.ndarray, "height width 3"],
+    prediction: Float[Array | np.ndarray, "*pixels 3"],
+    truth: Float[Array | np.ndarray, "*pixels 3"],
 ) -> float:
     """Colour difference CIEDE2000 (Sharma et al. 2005), mean over the pixels.
 

@@ -4,7 +4,7 @@
 Scores of a view are, where it has a dark photo, ``{"dark": {...}}`` against that and,
 where it has a normal-light truth, ``{"enhanced": {...}}`` and one entry per baseline
 against that truth; one baseline, ``unchanged``, is the dark rendering itself. Pictures
-are [height, width, 3] sRGB in [0, 1].
+are [height, width, 3] sRGB in [0, 1]; masks are True where a pixel counts.
 """
 
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from internal import color
+from internal.scene.masks import Mask
 from internal.scoring import baselines, metrics
 from internal.structs import LitRendering, Rendering
 
@@ -28,13 +29,13 @@ DEFINITIONS = {
 }
 LOWER_IS_BETTER = frozenset(["lpips", "ciede2000"])
 BASELINES = {
-    "unchanged": (np.asarray, "the dark rendering as it is"),
+    "unchanged": (lambda dark, _: dark, "the dark rendering as it is"),
     "gain_to_mean": (
-        baselines.gain_to_mean,
+        lambda dark, mask: baselines.gain_to_mean(dark, mask=mask),
         "the dark rendering times one gain in linear light to sRGB mean 0.5",
     ),
     "gamma_curve": (
-        baselines.gamma_curve,
+        lambda dark, _: baselines.gamma_curve(dark),
         "the dark rendering to the power 1 / 2.2",
     ),
 }
@@ -46,47 +47,52 @@ def score_view(
     dark: Float[np.ndarray, "height width 3"] | None,
     truth: Float[np.ndarray, "height width 3"] | None,
     gain: Float[np.ndarray, " 3"],
+    mask: Mask,
 ) -> Scores:
     """Scores of one rendered view and of what ``brightened`` makes of it.
 
     Args:
         dark: the photo, which took ``gain`` times the scene's linear light; None where
             there is none, which holds for ``truth`` too.
+        mask: of photo and truth; some pixel counts.
     """
     scores: Scores = {}
     if dark is not None:
         rgb = jnp.asarray(rendering.rgb)
         photo = color.expose(rgb, jnp.broadcast_to(gain, rgb.shape))
-        scores["dark"] = metrics.score_dark(np.asarray(photo), dark)
+        scores["dark"] = metrics.score_dark(np.asarray(photo), dark, mask)
     if truth is None:
         return scores
     if isinstance(rendering, LitRendering):
-        scores["enhanced"] = metrics.score(rendering.enhanced, truth)
-    return scores | score_pictures(baseline_pictures, truth)
+        scores["enhanced"] = metrics.score(rendering.enhanced, truth, mask)
+    return scores | score_pictures(baseline_pictures, truth, mask)
 
 
 def score_pictures(
-    pictures: Pictures, truth: Float[np.ndarray, "height width 3"]
+    pictures: Pictures, truth: Float[np.ndarray, "height width 3"], mask: Mask
 ) -> Scores:
     """Scores of each picture."""
-    return {name: metrics.score(picture, truth) for name, picture in pictures.items()}
+    return {
+        name: metrics.score(picture, truth, mask) for name, picture in pictures.items()
+    }
 
 
-def brightened(dark_srgb: Float[np.ndarray, "height width 3"]) -> Pictures:
+def brightened(dark_srgb: Float[np.ndarray, "height width 3"], mask: Mask) -> Pictures:
     """What each baseline makes of a dark picture, by name."""
     return {
-        name: np.asarray(brighten(dark_srgb))
+        name: np.asarray(brighten(dark_srgb, mask))
         for name, (brighten, _) in BASELINES.items()
     }
 
 
 def mean_scores(views: dict[str, Scores]) -> Scores:
     """The mean of each score over the views that have it."""
-    rows: dict[str, list[dict[str, float]]] = {}
+    found: dict[str, dict[str, list[float]]] = {}
     for scores in views.values():
         for picture, row in scores.items():
-            rows.setdefault(picture, []).append(row)
+            for name, score in row.items():
+                found.setdefault(picture, {}).setdefault(name, []).append(score)
     return {
-        picture: {name: float(np.mean([r[name] for r in found])) for name in found[0]}
-        for picture, found in rows.items()
+        picture: {name: float(np.mean(listed)) for name, listed in row.items()}
+        for picture, row in found.items()
     }

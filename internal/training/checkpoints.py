@@ -4,10 +4,13 @@
 Process 0 writes; every process takes part in saving and restoring. Each array is a
 folder of its own: Orbax's other layout (OCDBT) looks for its parts with patterns, and
 finds none where a folder's name has a bracket. What was written is read back before it
-counts as saved.
+counts as saved, and its files' checksums are kept beside it (``N.json`` of step N): a
+disk or a copy that changes a bit of a parameter is noticed before anything is loaded.
 """
 
+import json
 import logging
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +21,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from internal.configs import Config
 from internal.errors import UserError, one_line
+from internal.files import atomic
 from internal.models import Model
 from internal.training import run_folder
 from internal.training.step import TrainState, initial_state
@@ -73,6 +77,10 @@ class Checkpoints:
             intact = _equal(self._read(step, state), state)
             for gone in self._manager.all_steps()[: -self._kept] if intact else [step]:
                 self._manager.delete(gone)
+                self._checksums(gone).unlink(missing_ok=True)
+            if intact and jax.process_index() == 0:
+                sums = json.dumps(checksums(self.folder / str(step)), indent=1)
+                atomic.write_text(self._checksums(step), sums + "\n")
         except (OSError, ValueError, KeyError) as error:
             raise UserError(
                 f"{self.folder}: step {step} could not be saved ({one_line(error)}); "
@@ -99,6 +107,7 @@ class Checkpoints:
             raise UserError(
                 f"{self.folder}: no checkpoint; train first, or correct --run"
             )
+        self._verify(step)
         sharding = NamedSharding(mesh, PartitionSpec())
         target = jax.tree.map(
             lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=sharding), like
@@ -111,14 +120,34 @@ class Checkpoints:
             if same_shape:
                 return self._read(step, target)
         except Exception as error:  # whatever its libraries say of a damaged file
-            raise UserError(
-                f"{self.folder}: step {step} is damaged ({one_line(error)}); delete "
-                f"the folder {step} to go on from the checkpoint before it"
-            ) from error
+            raise self._damaged(step, one_line(error)) from error
         raise UserError(
             f"{self.folder}: step {step} holds a model of another shape than "
             f"{self.folder.parent / run_folder.CONFIG} states; restore both, or train "
             "into another folder"
+        )
+
+    def _checksums(self, step: int) -> Path:
+        """The file of a checkpoint's checksums. A training killed between the two
+        writes leaves a whole checkpoint without one."""
+        return self.folder / f"{step}.json"
+
+    def _verify(self, step: int) -> None:
+        path = self._checksums(step)
+        if not path.is_file():
+            return
+        stated = atomic.read_json(path, "train.py")
+        found = checksums(self.folder / str(step))
+        if stated == found:
+            return
+        names = sorted(stated) if isinstance(stated, dict) else []
+        changed = [name for name in names if stated[name] != found.get(name)]
+        raise self._damaged(step, f"{[*changed, path.name][0]} is not what was saved")
+
+    def _damaged(self, step: int, what: str) -> UserError:
+        return UserError(
+            f"{self.folder}: step {step} is damaged ({what}); copy it anew, or delete "
+            f"the folder {step} to go on from the checkpoint before it"
         )
 
     def _read(self, step: int, like: TrainState) -> TrainState:
@@ -128,6 +157,15 @@ class Checkpoints:
         )
         restored: Any = self._manager.restore(step, args=arguments)
         return restored
+
+
+def checksums(folder: Path) -> dict[str, int]:
+    """CRC-32 of every file in a folder, by its path there."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {
+        path.relative_to(folder).as_posix(): zlib.crc32(path.read_bytes())
+        for path in files
+    }
 
 
 def _equal(a: TrainState, b: TrainState) -> bool:

@@ -3,24 +3,36 @@
 
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Protocol, runtime_checkable
 
-from internal.enhancements.look import NEUTRAL
+from internal.cameras import Cameras
+from internal.enhancements.look import NEUTRAL, LightEdit
 from internal.rendering import evidence
+from internal.scene.scene import Scene
 from internal.structs import LitRendering, Rendering
-from internal.viewer.jobs import Job
-from internal.viewer.sharing import Errand
+from internal.viewer.jobs import Job, Task
+from internal.viewer.sharing import Errand, Turns
+from internal.viewer.trained import Trained
 
-if TYPE_CHECKING:
-    from internal.viewer.studio import Studio, Trained
+
+@runtime_checkable
+class Renderer(Protocol):
+    """What is needed of a studio."""
+
+    scene: Scene
+    turns: Turns
+
+    def final(self, trained: Trained, camera: Cameras, edit: LightEdit) -> Task:
+        """A picture as render.py makes it."""
+        ...
 
 
 class Inquiry:
     """The witnesses of the newest model that somebody asked about."""
 
-    def __init__(self, studio: "Studio", factor: int) -> None:
+    def __init__(self, renderer: Renderer, factor: int) -> None:
         """``factor``: how many pixels of a photo's side are one of the scene's."""
-        self._studio, self._factor = studio, factor
+        self._renderer, self._factor = renderer, factor
         self._lock = threading.Lock()
         self._step: int | None = None  # of the model that was asked about
         self._found: evidence.Witnesses | None = None
@@ -28,7 +40,7 @@ class Inquiry:
 
     def witnesses(
         self,
-        trained: "Trained",
+        trained: Trained,
         ready: Callable[[], None],
         say: Callable[[str], None],
     ) -> evidence.Witnesses | None:
@@ -49,8 +61,8 @@ class Inquiry:
         self._ask(trained, say)
         return None
 
-    def _ask(self, trained: "Trained", say: Callable[[str], None]) -> None:
-        cameras = evidence.witness_cameras(self._studio.scene)
+    def _ask(self, trained: Trained, say: Callable[[str], None]) -> None:
+        cameras = evidence.witness_cameras(self._renderer.scene)
         answers: list[Rendering | LitRendering] = []
 
         def hear(rendering: Rendering | LitRendering) -> None:
@@ -58,13 +70,13 @@ class Inquiry:
             if len(answers) == len(cameras):
                 self._conclude(trained, answers)
 
-        tasks = [self._studio.final(trained, camera, NEUTRAL) for camera in cameras]
-        Errand(Job(tasks, hear), self._studio.turns, say)
+        tasks = [self._renderer.final(trained, camera, NEUTRAL) for camera in cameras]
+        Errand(Job(tasks, hear), self._renderer.turns, say)
 
     def _conclude(
-        self, trained: "Trained", answers: list[Rendering | LitRendering]
+        self, trained: Trained, answers: list[Rendering | LitRendering]
     ) -> None:
-        found = evidence.gather(self._studio.scene, self._factor, answers)
+        found = evidence.gather(self._renderer.scene, self._factor, answers)
         with self._lock:
             if self._step == trained.step:  # else a newer model is asked about
                 self._found = found

@@ -2,6 +2,7 @@
 """The panel beside the picture: what a user can set, and where each setting goes."""
 
 from pathlib import Path
+from typing import Any
 
 import viser
 
@@ -43,7 +44,7 @@ class Panel:
             self._outputs = OutputChooser(
                 client, studio.outputs, self._border, session.choose, guarded
             )
-            LightControls(gui, session.light, guarded)
+            self._light = LightControls(gui, session.light, guarded)
             self._add_takes(guarded, folder)
         with tabs.add_tab("Photos"):
             self._add_photos(guarded)
@@ -52,6 +53,8 @@ class Panel:
                 client, studio.scene, render, folder, self.say, guarded
             )
         session.choose(self._outputs.choice)
+        on_scene_click: Any = client.scene.on_click()  # its type knows no coroutines
+        on_scene_click(guarded(self._clicked))
         client.camera.on_update(guarded(self._camera_moved))
         session.stand(camera_of(client.camera))
 
@@ -112,6 +115,10 @@ class Panel:
         camera = self._studio.view_camera(view)
         move(self._client, camera.camtoworld, camera.fov)
         self._outputs.compare_with_photo()
+
+    async def _clicked(self, event: viser.SceneClickEvent) -> None:
+        if self._light.is_picking:
+            self._light.pick(lambda: self._session.white_point(event.screen_pos))
 
     async def _camera_moved(self, handle: viser.CameraHandle) -> None:
         camera = camera_of(handle)

@@ -13,13 +13,14 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import jax
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from internal.cameras import Lens
 from internal.color import from_uint16
 from internal.enhancements.look import Look, same_edit
-from internal.errors import one_line
+from internal.errors import UserError, one_line
 from internal.rendering.evidence import EVIDENCE, false_colors
 from internal.rendering.pictures import Picture, pictures
 from internal.scene.colmap import lens_directions
@@ -29,7 +30,9 @@ from internal.viewer.canvas import PHOTO, Choice, draw, photo_through
 from internal.viewer.free_camera import COARSE_PIXELS, PIXELS, FreeCamera, single_camera
 from internal.viewer.jobs import Job
 from internal.viewer.sharing import Errand
-from internal.viewer.studio import Studio, Trained
+from internal.viewer.studio import Studio
+from internal.viewer.trained import Trained
+from internal.viewer.white_point import make_gray
 
 SECONDS_TO_FIRST_PICTURE = 0.23
 FRAMES_TIMED = 8
@@ -111,6 +114,32 @@ class Session:
         with self._lock:
             self.choice, self._redraw = choice, True
         self._studio.turns.wake()
+
+    def white_point(self, place: tuple[float, float]) -> Look:
+        """The light in which the lit scene is gray at a place of the picture.
+
+        Args:
+            place: shares of its width and height, from its upper left corner.
+
+        Raises:
+            UserError: no light does that, or the model has no light to turn.
+        """
+        shown, look = self._shown, self.look
+        if shown is None or not isinstance(shown.rendering, LitRendering):
+            raise UserError("there is no lit picture to pick from")
+        height, width, _ = shown.rendering.rgb.shape
+        column = min(max(int(place[0] * width), 0), width - 1)
+        row = min(max(int(place[1] * height), 0), height - 1)
+        pixel = jax.tree.map(
+            lambda x: x[row : row + 1, column : column + 1], shown.rendering
+        )
+
+        def lit(look: Look) -> Float[np.ndarray, " 3"]:
+            relit = self._studio.relit(shown.trained, pixel, look)
+            assert isinstance(relit, LitRendering)
+            return np.asarray(relit.enhanced)[0, 0]
+
+        return make_gray(lit, look)
 
     def redraw(self) -> None:
         """Wants the same picture again, with what is known now."""

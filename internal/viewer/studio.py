@@ -14,7 +14,7 @@ from internal.configs import Config
 from internal.enhancements.look import NEUTRAL, LightEdit, Look
 from internal.models import Model
 from internal.rendering.evidence import explained_outputs
-from internal.rendering.pictures import Display, display_for
+from internal.rendering.pictures import display_for
 from internal.rendering.renderer import Renderer
 from internal.scene.scene import Scene
 from internal.structs import LitRendering, Params, Rendering
@@ -23,6 +23,7 @@ from internal.viewer.free_camera import FreeCamera, single_camera, vertical_fov
 from internal.viewer.inquiry import Inquiry
 from internal.viewer.jobs import Speedometer, Task
 from internal.viewer.sharing import Turns
+from internal.viewer.trained import Trained
 
 # A chunk is the time nothing else happens in, so it is short; a call's overhead sets
 # the lower limit.
@@ -32,15 +33,6 @@ FIRST_GUESS_OF_SPEED = 10_000.0  # rays per second, until there is a measurement
 # chair half of them render 1.8 times the rays per second, 38 dB from the whole; a
 # third of them 2.5 times, 35 dB.
 FEWER_SAMPLES = 2
-
-
-@dataclasses.dataclass(frozen=True)
-class Trained:
-    """A checkpoint that can be shown."""
-
-    params: Params
-    step: int
-    display: Display  # of the first view, as in render.py
 
 
 class Studio:

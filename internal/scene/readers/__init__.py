@@ -8,6 +8,7 @@ file is to NeRF, the earlier it comes.
 from pathlib import Path
 
 from internal.errors import UserError
+from internal.files.listing import say_once
 from internal.scene.readers import colmap, llff, transforms
 from internal.scene.readers.base import Reader, SceneFiles
 
@@ -40,9 +41,15 @@ def read_files(
             f"{', '.join(names)}"
         )
     asked = [r for r in READERS if dataset_loader in ("auto", r.name)]
-    for reader in asked:
-        if reader.matches(data_dir):
-            return reader.read(data_dir, images_dir, pair_by)
+    fitting = [reader for reader in asked if reader.matches(data_dir)]
+    if len(fitting) > 1:
+        others = ", ".join(reader.name for reader in fitting[1:])
+        say_once(
+            f"{data_dir}: read as {fitting[0].name}; it has the files of {others} too: "
+            "Config.dataset_loader chooses"
+        )
+    if fitting:
+        return fitting[0].read(data_dir, images_dir, pair_by)
     looked_for = "; ".join(f"{r.name}: {r.looked_for}" for r in asked)
     raise UserError(
         f"{data_dir}: no scene found. Looked for {looked_for}. "

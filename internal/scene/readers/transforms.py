@@ -30,7 +30,7 @@ from internal import poses
 from internal.cameras import Lens
 from internal.errors import UserError, one_line
 from internal.files import image_io, ply
-from internal.files.listing import composed, find_file, is_metadata
+from internal.files.listing import composed, find_file, is_metadata, say_once
 from internal.scene import colmap
 from internal.scene.mask_files import find_masks
 from internal.scene.pairing import dark_twin, pair_poses
@@ -44,6 +44,8 @@ WORST_FIT = 0.01  # of the spread of the camera centres
 WORST_AXES = 0.05  # between unit vectors: 3 degrees
 PERSPECTIVE_TERMS = ("k1", "k2", "p1", "p2")
 RATIONAL_TERMS = (*PERSPECTIVE_TERMS, "k3", "k4", "k5", "k6")
+SHOWN = 5  # names in a message
+LAST_ROW = (0.0, 0.0, 0.0, 1.0)
 FISHEYE_TERMS = ("k1", "k2", "k3", "k4")
 FISHEYE_MODELS = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 PERSPECTIVE_MODELS = (
@@ -80,7 +82,14 @@ def read_blender(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles:
     held_out = next((s for s in ("test", "val") if paths[s].is_file()), None)
     frames = _read_frames(paths["train"], is_test=False)
     if held_out:
+        training = {frame.image_path for frame in frames}
         frames += _read_frames(paths[held_out], is_test=True)
+        both = training & {frame.image_path for frame in frames if frame.is_test}
+        if both:
+            say_once(
+                f"WARNING: {paths[held_out]}: {len(both)} of its views are in "
+                f"{paths['train'].name} too: held out, not trained on"
+            )
     return _scene_files(BLENDER.name, data_dir, images_dir, pair_by, frames)
 
 
@@ -170,6 +179,7 @@ def _scene_files(
             dataclasses.replace(frame, image_path=_find_picture(frame))
             for frame in frames
         ]
+        _name_unlisted(frames)
     # A picture listed for training and for testing is held out: the last one wins.
     unique = {frame.image_path: frame for frame in frames}
     _check_repeated(unique, frames)
@@ -199,6 +209,25 @@ def _scene_files(
         points_source=points_source,
         transparent_is_black=name == BLENDER.name,
     )
+
+
+def _name_unlisted(frames: Sequence[_Frame]) -> None:
+    """Names the pictures beside those of the frames that no frame lists."""
+    listed = {frame.image_path.name for frame in frames}
+    for folder in sorted({frame.image_path.parent for frame in frames}):
+        beside = sorted(
+            path.name
+            for path in folder.iterdir()
+            if image_io.is_image(path) and path.is_file() and not is_metadata(path)
+        )
+        unlisted = [name for name in beside if name not in listed]
+        if unlisted:
+            more = f" and {len(unlisted) - SHOWN} more" if len(unlisted) > SHOWN else ""
+            say_once(
+                f"{folder}: {len(unlisted)} of {len(beside)} pictures are in no frame "
+                f"of {frames[0].json_path.name}: {', '.join(unlisted[:SHOWN])}{more} "
+                "left out"
+            )
 
 
 def _check_repeated(unique: Mapping[Path, _Frame], frames: Sequence[_Frame]) -> None:
@@ -332,12 +361,18 @@ def _alike(frame: _Frame) -> Path | None:
 def _camtoworld(frame: _Frame) -> Float[np.ndarray, "3 4"]:
     try:
         matrix = np.array(frame.values.get("transform_matrix"), np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         matrix = np.empty(0)
     if matrix.shape not in ((3, 4), (4, 4)):
         raise UserError(
             f"{frame.json_path}: transform_matrix of {frame.image_path.name} is not a "
             "4x4 camera-to-world matrix"
+        )
+    if not np.allclose(matrix[3:], LAST_ROW, atol=1e-4):
+        raise UserError(
+            f"{frame.json_path}: the last row of transform_matrix of "
+            f"{frame.image_path.name} is {matrix[3].tolist()}; expected 0, 0, 0, 1 "
+            "(camera to world, the position in the last column): transpose it"
         )
     return matrix[:3]
 
@@ -395,6 +430,11 @@ def _focal_lengths(frame: _Frame, width: int, height: int) -> tuple[float, float
     only one is stated."""
     stated = []
     for axis, pixels in (("x", width), ("y", height)):
+        if _number(frame, f"fl_{axis}", 1.0) <= 0.0:
+            raise UserError(
+                f"{frame.json_path}: fl_{axis} of {frame.image_path.name} is "
+                f"{frame.values[f'fl_{axis}']:g}; expected pixels, above 0"
+            )
         fov = _number(frame, f"camera_angle_{axis}", 0.0)
         if not 0.0 <= fov < math.pi:
             raise UserError(
