@@ -35,6 +35,7 @@ import numpy as np
 from benchmarks.workload import markdown
 from internal import cli, flags, parallel
 from internal.errors import UserError
+from internal.scene.config import SceneConfig
 from internal.scene.scene import SPLITS, load_scene
 from internal.training.checkpoints import load_trained
 from tests import scene_writers as writers
@@ -365,7 +366,7 @@ def load_views(scene: Path) -> dict[str, float]:
     """The mean of each view's photo, of both splits."""
     values = {}
     for split in SPLITS:
-        own = load_scene(scene, split=split, holdout=3)
+        own = load_scene(SceneConfig(str(scene), holdout=3), split)
         for name, photo in zip(own.view_names, own.images, strict=True):
             values[name] = float(np.mean(photo))
     return values

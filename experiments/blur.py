@@ -28,7 +28,6 @@ from scipy import ndimage
 
 from benchmarks import workload
 from internal import color
-from internal.comparison.scored_run import train_and_score
 from internal.files import image_io
 from internal.night.capture import CaptureModel, capture, view_key
 from internal.prepare import attempts, scene_files, sharpness
@@ -161,10 +160,8 @@ def _train(scene: Path, run: Path, model: colmap.Reconstruction) -> dict[str, fl
     near, far = np.percentile(depths[depths > 0.0], (0.5, 99.5))
     own = (f"Config.near = {0.8 * near}", f"Config.far = {1.2 * far}")
     data = f"Config.data_dir = {str(scene)!r}"
-    code = train_and_score(run, [CONFIG], [data, *own, *BINDINGS])
-    if code:
-        sys.exit(code)
-    return json.loads((run / "eval" / "metrics.json").read_text())["mean"]["dark"]
+    scores = workload.scores(run, CONFIG, [data, *own, *BINDINGS])
+    return scores["mean"]["dark"]
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from internal.coord import ForwardFacing, Unbounded
 from internal.errors import UserError
 from internal.files import image_io
 from internal.scene import readers
+from internal.scene.config import SceneConfig
 from internal.scene.extent import visible_distances
 from internal.scene.scene import Scene, load_scene
 from tests.scene_writers import (
@@ -50,7 +51,8 @@ BOUNDS = {"near": 2.5, "far": 7.0}
 
 
 def load(folder: Path, split: str = "train", **options) -> Scene:
-    return load_scene(folder, split=split, **options)
+    find_points = options.pop("find_points", None)
+    return load_scene(SceneConfig(str(folder), **options), split, find_points)
 
 
 def rays(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
