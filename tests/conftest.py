@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 
 import make_scene
 import train as train_script
@@ -28,6 +29,12 @@ os.environ["XLA_FLAGS"] = " ".join(
 
 # Four CPU devices, so that every run tests what several GPUs would do.
 jax.config.update("jax_num_cpu_devices", 4)
+
+# Laws have no deadline: a machine may be busy.
+settings.register_profile(
+    "patient", deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("patient")
 
 TINY_SIZES = (
     "Model.num_samples = (6, 7)",

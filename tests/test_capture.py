@@ -86,7 +86,7 @@ def test_read_noise_does_not_depend_on_the_light():
     )
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(1e-3, 1.0), st.floats(1e-3, 1.0))
 def test_more_exposure_is_never_darker(one, other):
     low, high = (

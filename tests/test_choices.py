@@ -42,7 +42,7 @@ def some_masks(seed: int, share: float, shapes=((8, 10),) * 3) -> list[np.ndarra
 
 
 @given(st.integers(0, 1000), st.floats(0.02, 1.0))
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 def test_the_nth_pixel_is_the_nth_that_counts(seed, share):
     masks = some_masks(seed, share, ((3, 50), (7, 1), (40, 33), (1, 64)))
     choice = find_choices(masks, (0,), (0,)).singles

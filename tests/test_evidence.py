@@ -9,7 +9,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from internal.cameras import Lens
@@ -151,7 +151,6 @@ def test_what_a_camera_outside_the_space_shows_was_seen_by_nobody():
     assert (found.photos == 0).all()
 
 
-@settings(deadline=None)
 @given(st.integers(0, 9), st.floats(0.0, 1e4))
 def test_every_pixel_has_one_colour_of_the_legend(photos, steps):
     found = evidence.Evidence(

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import export as export_script
@@ -51,7 +51,6 @@ def ball(points):
     return 20.0 / (1.0 + np.exp(40.0 * (np.linalg.norm(points, axis=-1) - RADIUS)))
 
 
-@settings(deadline=None)
 @given(
     st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-20.0, -1.0),
     st.sampled_from([NDC, BALL_OF_TWO]),

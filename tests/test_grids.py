@@ -77,7 +77,7 @@ def test_gradient_is_that_of_autodiff(table, points):
 
 
 @given(st.lists(st.floats(0.0, 1.0, width=32), min_size=3, max_size=3))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_weights_are_barycentric(point):
     rows, weights = vertices(jnp.array([point], jnp.float32), LEVELS)
     assert np.all(np.array(weights) >= -1e-6)

@@ -6,7 +6,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from internal.configs import RenderConfig, load_config
@@ -26,7 +26,6 @@ def test_the_default_look_is_neutral_and_the_configurations_default():
         np.testing.assert_array_equal(ours, neutral)
 
 
-@settings(deadline=None)
 @given(
     st.builds(
         Look,

@@ -90,7 +90,7 @@ def test_identical_pictures_get_the_cap_and_finite_scores():
 
 @pytest.mark.parametrize("noise", [0.002, 0.05, 0.5])
 @given(seed=st.integers(0, 1000), gain=st.floats(0.01, 20.0))
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 def test_matching_exposure_never_lowers_psnr(seed, gain, noise):
     truth = _picture(seed)
     grain = noise * np.random.default_rng(seed).normal(size=truth.shape)
@@ -121,7 +121,7 @@ def test_matching_exposure_does_not_correct_a_tint():
 
 
 @given(seed=st.integers(0, 1000), noise=st.floats(0.0, 0.5))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_colour_correction_lowers_psnr_by_no_more_than_rounding(seed, noise):
     truth = _picture(seed)
     grain = noise * np.random.default_rng(seed).normal(size=truth.shape)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from internal import volume
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 10_000), st.floats(0.0, 100.0))
 def test_weights_are_non_negative_and_sum_to_one(seed, scale):
     rng = np.random.default_rng(seed)

@@ -18,7 +18,7 @@ def random_bins(seed, rays=4, bins=9):
     return jnp.float32(edges), jnp.float32(weights)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.integers(0, 10_000))
 def test_inverse_cdf_equals_numpy_interpolation(seed):
     edges, weights = random_bins(seed)

@@ -48,7 +48,7 @@ def test_hues_leak_over_an_edge_no_farther_than_a_cell():
     np.testing.assert_allclose(moved[:, beyond], levels[:, beyond], atol=0.25)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     arrays.arrays(
         np.uint8, st.tuples(st.integers(1, 40), st.integers(1, 40), st.just(3))

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import viser
 import websockets.sync.client
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from internal.cameras import Lens
@@ -138,7 +138,6 @@ def work(studio):
         pass
 
 
-@settings(deadline=None)
 @given(st.floats(0.1, 10.0), st.sampled_from(sorted(PIXELS.values())))
 def test_a_window_of_any_shape_fits_its_number_of_pixels(aspect, pixels):
     lens = FreeCamera(POSE, 0.8, aspect).lens(pixels)
