@@ -65,8 +65,8 @@ def main(argv: Sequence[str]) -> int:
     ):
         rendering = renderer.view(state.params, index)
         display = display or display_for(config.model, rendering)
-        dark = from_uint16(scene.images[index])
-        truth = from_uint16(scene.truth[index]) if scene.truth else None
+        dark = from_uint16(scene.images[index]) if scene.images else None
+        truth = from_uint16(scene.truth[index]) if index in scene.truth else None
         mask = scene.mask(index)
         baselines = evaluation.brightened(rendering.rgb, mask)
         if mask.any():
@@ -79,10 +79,11 @@ def main(argv: Sequence[str]) -> int:
         shown = {
             **pictures(rendering, display),
             evidence.EVIDENCE: evidence.false_colors(found),
-            "input": hatched(dark, mask),
             **baselines,
         }
         del shown["unchanged"]  # the picture "dark"
+        if dark is not None:
+            shown["input"] = hatched(dark, mask)
         if truth is not None:
             shown["truth"] = hatched(truth, mask)
         for output, picture in shown.items():
@@ -97,7 +98,7 @@ def main(argv: Sequence[str]) -> int:
         **{"views": views, "mean": mean},
     }
     atomic.write_text(folder / "metrics.json", json.dumps(result, indent=2) + "\n")
-    table = scores.score_table(mean, "Scores, mean over test views")
+    table = scores.score_table(mean, scores.heading(len(names), len(scene.truth)))
     pages.write_index(
         folder,
         f"{scene.name}: test views at step {int(state.step)}",

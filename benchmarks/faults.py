@@ -35,6 +35,7 @@ import numpy as np
 from benchmarks.workload import markdown
 from internal import cli, flags, parallel
 from internal.errors import UserError
+from internal.scene.config import SceneConfig
 from internal.scene.scene import SPLITS, load_scene
 from internal.training.checkpoints import load_trained
 from tests import scene_writers as writers
@@ -322,6 +323,7 @@ class Loader:
         )
         self._process.start()
         theirs.close()
+        self._ours.recv()  # its imports are no part of the time that loading may take
 
     def load(self, folder: Path) -> Loaded | None:
         """None where there was no answer in time."""
@@ -341,6 +343,7 @@ class Loader:
 
 def serve(connection: Connection, load: Callable[[Path], dict[str, float]]) -> None:
     """Loads folder after folder, until nobody asks."""
+    connection.send(None)
     with contextlib.suppress(EOFError):
         while True:
             connection.send(loaded(connection.recv(), load))
@@ -363,7 +366,7 @@ def load_views(scene: Path) -> dict[str, float]:
     """The mean of each view's photo, of both splits."""
     values = {}
     for split in SPLITS:
-        own = load_scene(scene, split=split, holdout=3)
+        own = load_scene(SceneConfig(str(scene), holdout=3), split)
         for name, photo in zip(own.view_names, own.images, strict=True):
             values[name] = float(np.mean(photo))
     return values

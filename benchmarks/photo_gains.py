@@ -19,7 +19,8 @@ from internal.files import image_io
 from internal.prepare.pipeline import Inputs, prepare
 from internal.prepare.scene_files import HOLDOUT
 from internal.scene import readers
-from internal.scene.loading import GAINS_FILE, find_truth, load_gains
+from internal.scene.loading import GAINS_FILE, load_gains
+from internal.scene.pairing import find_truth_folder
 from internal.scene.readers.base import SceneFiles
 
 SHORT = (
@@ -35,7 +36,7 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     flags = parser.parse_args()
     files = readers.read_files(flags.data_dir, "auto", "")
-    truth = find_truth(files, flags.data_dir, "").paths[0].parent
+    truth = find_truth_folder(flags.data_dir, files.image_paths[0].parent)
     rows = []
     for spread in (1.0, 0.0):
         own = flags.out / f"stops{spread:g}"

@@ -23,6 +23,7 @@ from benchmarks import workload
 from internal import configs, parallel
 from internal.models import Model
 from internal.rendering.renderer import Renderer
+from internal.scene.config import SceneConfig
 from internal.scene.scene import load_scene
 from internal.structs import LitRendering, Rendering
 from internal.training.step import initial_state
@@ -48,7 +49,7 @@ def main() -> None:
     parser.add_argument("--gin_configs", default=workload.FAST)
     flags = parser.parse_args()
     config = configs.load_config([flags.gin_configs], [])
-    scene = load_scene(flags.data_dir, split="test", factor=flags.factor)
+    scene = load_scene(SceneConfig(str(flags.data_dir), factor=flags.factor), "test")
     model, mesh = Model(config.model), parallel.data_mesh(1, jax.devices()[:1])
     params = initial_state(config, model).params
     lens = scene.lenses[0]

@@ -154,7 +154,7 @@ def real_table(flags: argparse.Namespace) -> str:
     for term in TERMS:
         run = flags.out / term
         scene, dark = learned(flags.data_dir, run, term, flags.factor, flags.steps)
-        truth = np.stack([from_uint16(picture) for picture in scene.truth])
+        truth = np.stack([from_uint16(picture) for picture in scene.truth.values()])
         pairs = list(zip(dark, truth, strict=True))
         lit = np.stack([baselines.gain_to_mean(x, float(y.mean())) for x, y in pairs])
         ssim = np.stack([similarity(x, y) for x, y in zip(lit, truth, strict=True)])

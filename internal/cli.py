@@ -47,20 +47,5 @@ def load_split(config: Config, split: str) -> Scene:
     if config.checkpoint_dir:
         folders.append(Path(config.checkpoint_dir))
     return load_scene(
-        Path(config.data_dir),
-        split=split,
-        dataset_loader=config.dataset_loader,
-        factor=config.factor,
-        images_dir=config.images_dir,
-        pair_by=config.pair_by,
-        gt_dir=config.gt_dir,
-        near=config.near,
-        far=config.far,
-        projection=config.projection,
-        end_at_far=config.end_at_far,
-        holdout=config.holdout,
-        photo_gains=config.photo_gains,
-        unrounded=config.unrounded,
-        max_image_memory=config.max_image_memory,
-        find_points=lambda files, views: depths.find_points(files, views, folders),
+        config, split, lambda files, views: depths.find_points(files, views, folders)
     )

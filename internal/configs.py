@@ -16,6 +16,7 @@ from internal.enhancements.look import Look
 from internal.errors import UserError
 from internal.fields.base import FieldConfig
 from internal.fields.mlp import MLP
+from internal.scene.config import SceneConfig
 
 
 @configurable("Model")
@@ -100,24 +101,10 @@ class RenderConfig(Look):
 @configurable("Config")
 @typed
 @dataclasses.dataclass(frozen=True)
-class Config:
-    """Where the scene is, how to read it, where results go; and all the rest."""
+class Config(SceneConfig):
+    """The scene, where results go, and all the rest."""
 
-    data_dir: str = ""
     checkpoint_dir: str = ""
-    dataset_loader: str = "auto"
-    factor: int = 1
-    images_dir: str = ""  # other folder of input pictures, paired with the poses by
-    pair_by: str = "name"  # name; number: of the names, too; order: that, too
-    gt_dir: str = ""  # folder of normal-light truth, paired by name
-    near: float = 0.0  # depth in the pose file's units; 0: from file or points
-    far: float = 0.0
-    projection: str = "auto"  # ndc, contract; auto: from the poses
-    end_at_far: bool = False  # ndc: rays end at far, not at infinity
-    holdout: int = 8  # every n-th view is a test view where files state no split
-    photo_gains: bool = True  # exposures.json, where the scene has one
-    unrounded: bool = False  # training photos' colours; internal/scene/unround.py
-    max_image_memory: float = 4.0  # GB of pictures in memory; more stay on disk
     max_minutes: float = 0.0  # stretches the schedule to this time; 0: as configured
     model: ModelConfig = dataclasses.field(default_factory=ModelConfig)
     losses: LossConfig = dataclasses.field(default_factory=LossConfig)

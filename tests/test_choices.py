@@ -19,6 +19,7 @@ from internal.enhancements.tone import Tone
 from internal.errors import UserError
 from internal.files import image_io
 from internal.models import Model
+from internal.scene.config import SceneConfig
 from internal.scene.noise import expected_photo
 from internal.scene.scene import Scene, load_scene
 from internal.training import exposure, sampler
@@ -128,7 +129,7 @@ def twins(tmp_path_factory) -> list[Scene]:
             image_io.write(folder / "images" / name, np.float32(shown))
             white = np.repeat(mask[..., None], 3, -1).astype(np.float32)
             image_io.write(folder / "masks" / name, white)
-        scenes.append(load_scene(folder, split="train", unrounded=True))
+        scenes.append(load_scene(SceneConfig(str(folder), unrounded=True), "train"))
     images = [
         np.where(mask[..., None], image, np.uint16(50_000))
         for image, mask in zip(scenes[1].images, scenes[1].masks, strict=True)

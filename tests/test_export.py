@@ -33,6 +33,7 @@ from internal.parallel import data_mesh
 from internal.poses import transform_points
 from internal.rendering.surfaces import surface_points
 from internal.scene import colmap
+from internal.scene.config import SceneConfig
 from internal.scene.scene import load_scene
 from internal.structs import Rendering
 from internal.training.checkpoints import Checkpoints, load_trained
@@ -137,7 +138,7 @@ def scene(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene")
     world = request.param()
     write_blender(folder, world, test=(0, 3))
-    return load_scene(folder, split="train", near=2.0, far=9.0)
+    return load_scene(SceneConfig(str(folder), near=2.0, far=9.0), "train")
 
 
 def ball_in(scene):
@@ -315,8 +316,11 @@ def test_the_dataset_is_read_back_as_the_same_cameras_and_lit_pictures(exported)
     folder, ours, _, _, _, sightings = exported
     for loader in ("nerfstudio", "colmap"):
         again = load_scene(
-            folder / "dataset", split="train", dataset_loader=loader, holdout=0,
-            near=ours.near, far=ours.far,
+            SceneConfig(
+                str(folder / "dataset"), dataset_loader=loader, holdout=0,
+                near=ours.near, far=ours.far,
+            ),
+            "train",
         )  # fmt: skip
         assert len(again.view_names) == len(ours.view_names)
         assert set(again.lenses) == set(ours.lenses)

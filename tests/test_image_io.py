@@ -9,6 +9,7 @@ import OpenImageIO as oiio
 import PIL.Image
 import pytest
 from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
 from internal import extras
 from internal.errors import UserError
@@ -278,13 +279,17 @@ def test_the_end_of_a_preview_is_not_the_end_of_its_photo(tmp_path):
         image_io.read_srgb(path)
 
 
-def test_the_camera_of_a_heic_is_known(tmp_path):
-    pytest.importorskip("pillow_heif").register_heif_opener()
+@pytest.mark.parametrize("name", ["a.heic", "a.jpg"])
+def test_the_camera_its_lens_and_its_zoom_are_known(name, tmp_path):
+    if name == "a.heic":
+        pytest.importorskip("pillow_heif").register_heif_opener()
     tags = Image.Exif()
     tags[0x010F], tags[0x0110] = "Maker", "Phone 9"
-    tags.get_ifd(0x8769)[0xA405] = 26
-    found = image_io.read_exif(saved(tmp_path / "a.heic", exif=tags))
-    assert found == image_io.Exif("Maker Phone 9", 26.0)
+    more = tags.get_ifd(0x8769)
+    more[0xA434], more[0xA405] = "Zoom 24-70", 26
+    more[0x920A] = IFDRational(81, 2)
+    found = image_io.read_exif(saved(tmp_path / name, exif=tags))
+    assert found == image_io.Exif("Maker Phone 9", "Zoom 24-70", 40.5, 26.0)
 
 
 def test_without_the_extra_a_heic_says_what_to_install(tmp_path, monkeypatch):

@@ -13,6 +13,7 @@ from internal.files import image_io
 from internal.night import darken
 from internal.night.capture import CaptureModel
 from internal.scene import identity, masks
+from internal.scene.config import SceneConfig
 from internal.scene.mask_files import match_masks
 from internal.scene.noise import noise_of_files
 from internal.scene.scene import load_scene
@@ -38,7 +39,7 @@ def write_mask(path, counted=COUNTED, white=1.0):
 
 
 def load(folder, split="train", **options):
-    return load_scene(folder, split=split, **BOUNDS, **options)
+    return load_scene(SceneConfig(str(folder), **BOUNDS, **options), split)
 
 
 def name_mask(folder, view, path):

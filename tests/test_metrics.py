@@ -44,6 +44,8 @@ def test_a_dark_view_is_scored_under_its_photos_gain():
     right = evaluation.score_view(rendering, {}, photo, None, gain, ALL)["dark"]["psnr"]
     none = np.ones(3, np.float32)
     wrong = evaluation.score_view(rendering, {}, photo, None, none, ALL)["dark"]["psnr"]
+    alone = evaluation.score_view(rendering, {"x": photo}, None, photo, none, ALL)
+    assert alone.keys() == {"x"} and alone["x"]["psnr"] == 100.0
     assert wrong < 40.0 < 90.0 < right
 
 
@@ -319,3 +321,13 @@ def test_gamma_curve_by_hand():
     # 0.25 ** (1 / 2) = 0.5; black and white stay.
     levels = np.array([[[0.0, 0.25, 1.0]]], np.float32)
     np.testing.assert_allclose(baselines.gamma_curve(levels, 2.0), [[[0.0, 0.5, 1.0]]])
+
+
+def test_means_are_over_the_views_that_have_a_score():
+    views = {
+        "a": {"dark": {"psnr": 1.0}},
+        "b": {"enhanced": {"psnr": 8.0}},
+        "c": {"dark": {"psnr": 3.0}, "enhanced": {"psnr": 4.0}},
+    }
+    expected = {"dark": {"psnr": 2.0}, "enhanced": {"psnr": 6.0}}
+    assert evaluation.mean_scores(views) == expected

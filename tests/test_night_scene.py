@@ -29,6 +29,7 @@ from internal.night import (
 )
 from internal.night.capture import NORMAL_LIGHT, CaptureModel, capture, view_key
 from internal.night.shading import Surface
+from internal.scene.config import SceneConfig
 from internal.scene.scene import load_scene
 
 SIZE: dict[str, Any] = {"width": 48, "height": 36}
@@ -339,7 +340,7 @@ def test_a_written_scene_states_exact_poses_and_loads_with_its_truth(night):
             stated[frame["file_path"][-7:]] = np.array(frame["transform_matrix"])
     for name, pose in zip(sorted(stated), dataset.make_cameras(9), strict=True):
         np.testing.assert_array_equal(stated[name][:3], pose)
-    scene = load_scene(folder, split="test")
+    scene = load_scene(SceneConfig(str(folder)), "test")
     assert scene.view_names == ("000.png", "008.png")
     assert len(scene.truth) == 2
     assert (scene.near, scene.far) == pytest.approx((facts["near"], facts["far"]))
@@ -409,8 +410,8 @@ def test_a_darkened_dataset_keeps_its_format_and_pairs_with_its_originals(
     assert facts["views"] == 7
     poses = (originals / "transforms.json").read_text()
     assert (out / "transforms.json").read_text() == poses
-    bright = load_scene(originals, split="train")
-    dark = load_scene(out, split="train")
+    bright = load_scene(SceneConfig(str(originals)), "train")
+    dark = load_scene(SceneConfig(str(out)), "train")
     assert len(dark.truth) == len(dark.images) == len(bright.images)
     np.testing.assert_array_equal(dark.truth[0], bright.images[0])
     light = 0.1 * color.srgb_to_linear(bright.images[0] / np.float32(65535))
@@ -431,7 +432,9 @@ def test_splits_in_two_folders_pair_by_folder(night, tmp_path):
         (originals / f"transforms_{split}.json").write_text(json.dumps(content))
     darken.darken(originals, out, NOISE_FREE)
     for split in ("train", "test"):
-        scene, bright = (load_scene(folder, split=split) for folder in (out, originals))
+        scene, bright = (
+            load_scene(SceneConfig(str(folder)), split) for folder in (out, originals)
+        )
         np.testing.assert_array_equal(scene.truth[1], bright.images[1])
 
 
@@ -455,7 +458,7 @@ def test_linked_pictures_and_other_formats_are_darkened(originals, tmp_path):
         assert len(list((out / folder).iterdir())) == facts["views"]
         assert (out / folder / f"003.{ending}").is_file()
         assert not (out / folder).is_symlink()
-    assert load_scene(out, split="train").truth
+    assert load_scene(SceneConfig(str(out)), "train").truth
 
 
 def test_pictures_outside_of_a_dataset_are_refused(originals, tmp_path):

@@ -199,3 +199,15 @@ def test_dark_twin_of_a_bright_listing(tmp_path):
     other = tmp_path / "train" / "1.JPG"
     assert pairing.dark_twin(other) == other
     assert pairing.dark_twin(Path("1.JPG")) == Path("1.JPG")  # a scene in "."
+
+
+@pytest.mark.parametrize(
+    ("names", "candidates"),
+    [
+        (["a/1.png", "b/1.png"], ["1.png"]),
+        (["1"], ["1.png", "1.jpg"]),
+        (["1.JPG", "1.jpg"], ["1.png"]),
+    ],
+)
+def test_a_name_of_two_meanings_means_none(names, candidates):
+    assert pairing.match_by_name(names, candidates) == {}

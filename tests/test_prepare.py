@@ -20,6 +20,7 @@ from internal.files import image_io
 from internal.prepare import attempts, brighten, mapping, sharpness
 from internal.prepare.pipeline import Inputs, prepare
 from internal.scene import readers
+from internal.scene.config import SceneConfig
 from internal.scene.pose_comparison import compare
 from internal.scene.scene import load_scene
 from tests.scene_writers import edit_json, flat_picture
@@ -83,11 +84,12 @@ def test_every_photo_finds_its_camera(scene):
 
 def test_the_trainer_loads_both_splits_with_truth(scene):
     views = {
-        split: load_scene(scene, split=split).view_names for split in ("train", "test")
+        split: load_scene(SceneConfig(str(scene)), split).view_names
+        for split in ("train", "test")
     }
     assert views["test"] == ("00.png",)
     assert len(views["train"]) == VIEWS - 1
-    assert len(load_scene(scene, split="train").truth) == VIEWS - 1
+    assert len(load_scene(SceneConfig(str(scene)), "train").truth) == VIEWS - 1
 
 
 def test_photos_are_copied_byte_by_byte(photos, scene):

@@ -8,6 +8,7 @@ import numpy as np
 import pycolmap
 import pytest
 from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 from scipy import ndimage
 
 from internal import color
@@ -428,6 +429,20 @@ def test_pictures_that_are_not_taken_are_reported(tmp_path):
     assert pipeline._fingerprint(tmp_path) == before
     image_io.write(tmp_path / "3.png", flat_picture(9.0))
     assert pipeline._fingerprint(tmp_path) != before
+
+
+def test_photos_at_two_zooms_do_not_share_a_lens_and_one_without_the_film_tag_neither(
+    tmp_path,
+):
+    for i, focal in enumerate((24, 24, 40)):
+        tags = Image.Exif()
+        tags[0x010F] = "Maker"
+        tags.get_ifd(0x8769)[0x920A] = IFDRational(focal, 1)
+        picture = Image.new("RGB", (64, 48), (40 + 20 * i, 30, 20))
+        picture.save(tmp_path / f"{i}.jpg", exif=tags)
+    wide, also_wide, tele = find_photos(tmp_path, tmp_path / NOTES).photos
+    assert wide.camera == also_wide.camera != tele.camera
+    assert "24 mm" in wide.camera and "40 mm" in tele.camera
 
 
 def test_heic_photos_become_png_and_their_jpeg_twin_is_one_shot(tmp_path):

@@ -20,6 +20,7 @@ from internal.coord import ForwardFacing, Unbounded
 from internal.errors import UserError
 from internal.files import image_io
 from internal.scene import readers
+from internal.scene.config import SceneConfig
 from internal.scene.extent import visible_distances
 from internal.scene.scene import Scene, load_scene
 from tests.scene_writers import (
@@ -28,6 +29,8 @@ from tests.scene_writers import (
     edit_json,
     facing_world,
     flat_picture,
+    frame_entries,
+    intrinsics,
     look_at,
     random_rotation,
     surrounding_world,
@@ -48,7 +51,8 @@ BOUNDS = {"near": 2.5, "far": 7.0}
 
 
 def load(folder: Path, split: str = "train", **options) -> Scene:
-    return load_scene(folder, split=split, **options)
+    find_points = options.pop("find_points", None)
+    return load_scene(SceneConfig(str(folder), **options), split, find_points)
 
 
 def rays(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
@@ -491,12 +495,14 @@ class TestPictures:
 class TestTruth:
     def test_folder_beside_the_dark_one_is_found(self, tmp_path, capsys):
         test = load(write_blender(tmp_path, WORLD, test=(1, 3)), "test", **BOUNDS)
-        levels = [int(image.max()) // 257 for image in (*test.images, *test.truth)]
+        levels = [
+            int(image.max()) // 257 for image in (*test.images, *test.truth.values())
+        ]
         assert levels == [5, 7, 151, 153]
         assert "paired by equal names: 00.png -> 00.png" in capsys.readouterr().out
 
     def test_without_one_there_is_none(self, tmp_path, capsys):
-        assert load(write_llff(tmp_path, WORLD)).truth == ()
+        assert load(write_llff(tmp_path, WORLD)).truth == {}
         assert "none found; Config.gt_dir" in capsys.readouterr().out
 
     @pytest.mark.parametrize("absolute", [False, True])
@@ -505,14 +511,20 @@ class TestTruth:
         write_pictures(tmp_path / "day", [f"day_{n}" for n in WORLD.names], 200.0)
         gt_dir = str(tmp_path / "day") if absolute else "day"
         scene = load(tmp_path, gt_dir=gt_dir, factor=2)
-        assert [t.shape for t in scene.truth] == [(9, 12, 3)] * 5
-        assert [int(t.max()) // 257 for t in scene.truth] == [201, 202, 203, 204, 205]
+        assert [t.shape for t in scene.truth.values()] == [(9, 12, 3)] * 5
+        assert [int(t.max()) // 257 for t in scene.truth.values()] == [
+            201,
+            202,
+            203,
+            204,
+            205,
+        ]
 
     def test_order_pairs_over_all_pictures_not_over_the_split(self, tmp_path):
         write_llff(tmp_path, WORLD)
         write_pictures(tmp_path / "gt", [f"{c}.png" for c in "abcdef"], 200.0)
         test = load(tmp_path, "test", holdout=4)
-        assert [int(t.max()) // 257 for t in test.truth] == [200, 204]
+        assert [int(t.max()) // 257 for t in test.truth.values()] == [200, 204]
 
     def test_order_counts_photos_that_have_no_pose(self, tmp_path):
         """COLMAP placed 00 ... 05 of seven photos; the seventh sorts first."""
@@ -520,15 +532,65 @@ class TestTruth:
         write_pictures(tmp_path / "images", ["00-unplaced.png"])
         write_pictures(tmp_path / "gt", [f"{c}.png" for c in "abcdefg"], 200.0)
         test = load(tmp_path, "test", holdout=4)
-        assert [int(t.max()) // 257 for t in test.truth] == [201, 205]
+        assert [int(t.max()) // 257 for t in test.truth.values()] == [201, 205]
 
-    def test_nothing_to_pair_with_is_refused(self, tmp_path):
+    def test_what_cannot_be_paired_is_refused_for_scores_alone(self, tmp_path, capsys):
         write_llff(tmp_path, WORLD)
         write_pictures(tmp_path / "gt", ["a.png", "b.png"])
-        with pytest.raises(UserError, match="cannot pair its 2 pictures with 6 views"):
-            load(tmp_path)
-        with pytest.raises(UserError, match="folder of pictures not found"):
-            load(tmp_path, gt_dir="nowhere")
+        for options, message in (
+            ({}, "cannot pair its 2 pictures with 6 views"),
+            ({"gt_dir": "nowhere"}, "folder of pictures not found"),
+        ):
+            with pytest.raises(UserError, match=message):
+                load(tmp_path, "test", **options)
+            assert load(tmp_path, **options).truth == {}
+            assert f"WARNING: none for scores: {tmp_path}" in capsys.readouterr().out
+
+    @pytest.mark.parametrize(
+        ("given", "rule", "has"),
+        [
+            (["00.png", "02.png", "04.png"], "names", [0, 1, 2]),
+            (["04.png", "00.jpg"], "names", [0, 2]),
+            (["day_4.png", "day_2.png"], "numbers in the names", [1, 2]),
+            (["01.png", "02.png", "03.png", "04.png", "05.png"], "names", [1, 2]),
+        ],
+    )
+    def test_views_have_the_truth_that_is_there(
+        self, tmp_path, capsys, given, rule, has
+    ):
+        """Views 0, 2 and 4 are for testing; level 200 + n is the truth of view n."""
+        write_llff(tmp_path, WORLD)
+        for name in given:
+            number = int("".join(c for c in name if c.isdigit()))
+            write_pictures(tmp_path / "gt", [name], 200.0 + number)
+        load(tmp_path, holdout=2)
+        test = load(tmp_path, "test", holdout=2)
+        assert list(test.truth) == has
+        levels = [round(int(t.max()) / 257) for t in test.truth.values()]
+        assert levels == [200 + 2 * view for view in has]
+        printed = capsys.readouterr().out
+        assert f"paired by {rule}" in printed
+        lonely = [f"0{2 * view}.png" for view in range(3) if view not in has]
+        expected = f"none for {', '.join(lonely)} of 3 test views"
+        assert (expected in printed) == bool(lonely)
+
+    def test_test_views_of_bright_photos_alone_are_truth_without_input(
+        self, tmp_path, capsys
+    ):
+        """RealX3D: train/ is dark, test/ shows other views in normal light."""
+        for split, level in (("train", 4.0), ("test", 150.0)):
+            write_pictures(tmp_path / split, WORLD.names[:4], level)
+            frames = frame_entries(WORLD, split)[:4]
+            content = {**intrinsics(LENS), "near": 2.0, "far": 7.0, "frames": frames}
+            write_json(tmp_path / f"transforms_{split}.json", content)
+        train, test = (load(tmp_path, split) for split in ("train", "test"))
+        assert len(train.images) == 4 and train.truth == {}
+        assert len(test.images) == 0 and list(test.truth) == [0, 1, 2, 3]
+        assert int(test.truth[2].max()) == 152 * 257
+        assert "test views' own photos (test/00.png" in capsys.readouterr().out
+        write_pictures(tmp_path / "test", WORLD.names[:4], 5.0)  # dark: they are input
+        test = load(tmp_path, "test")
+        assert len(test.images) == 4 and test.truth == {}
 
     def test_one_pixel_is_resized_with_a_warning_more_is_refused(
         self, tmp_path, capsys
@@ -547,7 +609,7 @@ class TestTruth:
     def test_bright_input_by_images_dir_is_its_own_truth(self, tmp_path):
         write_blender(tmp_path, WORLD)
         scene = load(tmp_path, images_dir="high", **BOUNDS)
-        for image, truth in zip(scene.images, scene.truth, strict=True):
+        for image, truth in zip(scene.images, scene.truth.values(), strict=True):
             np.testing.assert_array_equal(image, truth)
 
 
@@ -575,7 +637,7 @@ class TestRealCaptures:
             assert near[0] < scene.near < near[1] and far[0] < scene.far < far[1]
             assert isinstance(scene.space, ForwardFacing)
             assert scene.images[0].shape == (93, 125, 3)
-            assert np.mean(scene.images) < 0.25 * np.mean(scene.truth)
+            assert np.mean(scene.images) < 0.25 * np.mean(list(scene.truth.values()))
         printed = capsys.readouterr().out
         assert "ndc (detected" in printed and "WARNING" not in printed
 

@@ -31,6 +31,14 @@ from internal.scoring import metrics
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
 from tests.conftest import TINY_MODEL, TINY_PLAIN, bindings, flags
+from tests.scene_writers import (
+    LENS,
+    facing_world,
+    frame_entries,
+    intrinsics,
+    write_json,
+    write_pictures,
+)
 
 ROOT = Path(__file__).parents[1]
 
@@ -189,6 +197,22 @@ def test_evaluation_writes_pictures_and_scores(run):
     assert (run / "eval" / "index.html").is_file()
 
 
+def test_test_views_of_bright_photos_alone_are_scored_against_them(tmp_path):
+    """A scene as RealX3D's."""
+    world, folder, own = facing_world(), tmp_path / "scene", tmp_path / "run"
+    for split, views, level in (("train", (0, 1, 2, 3), 4.0), ("test", (4, 5), 150.0)):
+        write_pictures(folder / split, world.names, level)
+        frames = [frame_entries(world, split)[view] for view in views]
+        content = {**intrinsics(LENS), "near": 2.0, "far": 7.0, "frames": frames}
+        write_json(folder / f"transforms_{split}.json", content)
+    assert train_script.main(flags(folder, own)) == 0
+    assert eval_script.main([f"--run={own}"]) == 0
+    result = json.loads((own / "eval/metrics.json").read_text())
+    assert result["views"].keys() == {"04.png", "05.png"}
+    assert "enhanced" in result["mean"] and "dark" not in result["mean"]
+    assert not (own / "eval/input").exists() and (own / "eval/truth/04.png").is_file()
+
+
 def test_evaluation_shows_and_leaves_out_what_is_masked(run, tmp_path, monkeypatch):
     shutil.copytree(run, tmp_path / "run")
     mask = np.ones((32, 36), bool)
@@ -198,7 +222,11 @@ def test_evaluation_shows_and_leaves_out_what_is_masked(run, tmp_path, monkeypat
         scene = load_split(config, split)
         if split == "train":
             return scene
-        under = [np.where(mask[..., None], x, np.uint16(40000)) for x in scene.truth]
+        hidden = np.uint16(40000)
+        under = {
+            view: np.where(mask[..., None], truth, hidden)
+            for view, truth in scene.truth.items()
+        }
         return dataclasses.replace(scene, masks=(mask,), truth=under)
 
     monkeypatch.setattr(eval_script.cli, "load_split", load_masked)

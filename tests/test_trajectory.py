@@ -12,6 +12,7 @@ from internal.errors import UserError
 from internal.poses import transform_poses
 from internal.rendering import paths
 from internal.rendering.trajectory import path_cameras
+from internal.scene.config import SceneConfig
 from internal.scene.scene import load_scene
 from tests.scene_writers import facing_world, write_colmap
 
@@ -22,7 +23,7 @@ RENDER = RenderConfig(frames=5)
 def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene")
     write_colmap(folder, facing_world())
-    return load_scene(folder, split="train")
+    return load_scene(SceneConfig(str(folder)), "train")
 
 
 @pytest.mark.parametrize("path", ["auto", "spiral", "ellipse", "around", "views"])

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from internal.files import image_io
+from internal.scene.config import SceneConfig
 from internal.scene.scene import load_scene
 from internal.scene.unround import CELL, HALF_STEP, YCC_FROM_RGB, is_rounded, unround
 from tests.scene_writers import facing_world, write_llff
@@ -88,9 +89,12 @@ def test_a_scene_unrounds_what_it_trains_on_and_scores_the_photos_themselves(tmp
         height, width, _ = image_io.read_srgb(path).shape
         photo = rng.integers(0, 4, (height, width, 3)).astype(np.float32) / 255.0
         image_io.write(path, photo)
-    load = {split: load_scene(tmp_path, split=split) for split in ("train", "test")}
+    load = {
+        split: load_scene(SceneConfig(str(tmp_path)), split)
+        for split in ("train", "test")
+    }
     moved = {
-        split: load_scene(tmp_path, split=split, unrounded=True)
+        split: load_scene(SceneConfig(str(tmp_path), unrounded=True), split)
         for split in ("train", "test")
     }
     same = {

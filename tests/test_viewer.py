@@ -33,6 +33,7 @@ from internal.rendering import paths
 from internal.rendering.evidence import EVIDENCE, LEGEND
 from internal.rendering.pictures import display_for, outputs_of
 from internal.scene.colmap import lens_directions
+from internal.scene.config import SceneConfig
 from internal.scene.scene import load_scene
 from internal.structs import LitRendering
 from internal.viewer import takes
@@ -74,7 +75,7 @@ def parts_of(camera, level=0.5):
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     folder = write_blender(tmp_path_factory.mktemp("scene"), facing_world())
-    return load_scene(folder, split="train", near=2.0, far=8.0)
+    return load_scene(SceneConfig(str(folder), near=2.0, far=8.0), "train")
 
 
 class FixedSpeed(Speedometer):

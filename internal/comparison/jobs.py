@@ -267,6 +267,11 @@ def _score_photos(out: Path, job: Job, bindings: Sequence[str]) -> None:
     def fill(partial: Path) -> Facts:
         scene = cli.load_split(configs.load_config([], bindings), "test")
         views: dict[str, evaluation.Scores] = {}
+        if not scene.images:
+            raise UserError(
+                f"{job.data_dir}: its test views have no dark photos to score; "
+                "compare methods on a scene that has them"
+            )
         names = scene.view_names
         pngs = flat_pngs(names)
         for index, name in enumerate(
@@ -274,7 +279,7 @@ def _score_photos(out: Path, job: Job, bindings: Sequence[str]) -> None:
         ):
             photo, mask = from_uint16(scene.images[index]), scene.mask(index)
             shown = evaluation.brightened(photo, mask)
-            if scene.truth:
+            if index in scene.truth:
                 truth = from_uint16(scene.truth[index])
                 if mask.any():
                     views[name] = evaluation.score_pictures(shown, truth, mask)

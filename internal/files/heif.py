@@ -24,7 +24,8 @@ EXTENSIONS = frozenset(".heic .heif .hif .avif".split())
 BRANDS = tuple(b"heic heix hevc hevx heim heis mif1 msf1 avif avis".split())
 CAMERA_TAGS = (0x010F, 0x0110)  # of EXIF: maker, model
 EXIF_FOLDER = 0x8769
-FOCAL_35MM_TAG = 0xA405
+LENS_TAG = 0xA434
+FOCAL_TAGS = (0x920A, 0xA405)  # in mm; of 35 mm film
 STATED = b"colrnclx"  # before the codes of H.273
 
 
@@ -78,16 +79,18 @@ def has_alpha(path: Path) -> bool:
         return "A" in image.mode
 
 
-def read_camera(path: Path) -> tuple[str, str, float]:
-    """Maker, model, and focal length for 35 mm film in mm, as EXIF states them; ""
-    and 0 where it does not."""
+def read_camera(path: Path) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    """Maker, model and lens, and the focal lengths in mm, its own and for 35 mm film,
+    as EXIF states them; "" and 0 where it does not."""
     from PIL import Image
 
     with _opened(path) as image:
         tags = Image.Exif()
         tags.load(image.info.get("exif") or b"")
-    maker, model = (str(tags.get(tag, "")) for tag in CAMERA_TAGS)
-    return maker, model, float(tags.get_ifd(EXIF_FOLDER).get(FOCAL_35MM_TAG, 0))
+    more = tags.get_ifd(EXIF_FOLDER)
+    texts = [*(tags.get(tag, "") for tag in CAMERA_TAGS), more.get(LENS_TAG, "")]
+    numbers = (more.get(tag) or 0.0 for tag in FOCAL_TAGS)
+    return tuple(map(str, texts)), tuple(map(float, numbers))
 
 
 @contextlib.contextmanager

@@ -39,6 +39,8 @@ JPEG_MARKER = re.compile(rb"\xff[\x02-\xcf\xd8-\xfe]")  # not in coded pixels
 JPEG_END = 0xD9
 UNSTATED = (2, 2)  # codes of H.273
 EXIF_SRGB = 1
+EXIF_TEXTS = ("Make", "Model", "Exif:LensModel")
+EXIF_NUMBERS = ("Exif:FocalLength", "Exif:FocalLengthIn35mmFilm")
 ADOBE_RGB_ENTRIES = (
     b"\x01\0\x02\0\x04\0\0\0R03\0",
     b"\0\x01\0\x02\0\0\0\x04R03\0",
@@ -53,7 +55,9 @@ class Exif:
     """Which camera took a photo, and how wide it saw."""
 
     camera: str  # maker and model; "" if not stated
-    focal_35mm: float  # focal length for the diagonal of 35 mm film, mm; 0 if unknown
+    lens: str = ""  # likewise
+    focal: float = 0.0  # focal length, mm; 0 if unknown
+    focal_35mm: float = 0.0  # for the diagonal of 35 mm film, mm; likewise
 
 
 def is_image(path: Path) -> bool:
@@ -131,16 +135,16 @@ def read_exif(path: Path) -> Exif:
     """What the camera wrote about the photo; empty for a file that is unreadable."""
     try:
         if heif.is_heif(path):
-            maker, model, focal = heif.read_camera(path)
+            texts, numbers = heif.read_camera(path)
         else:
             with _open(path) as file:
                 spec = file.spec()
-            maker, model = map(spec.get_string_attribute, ("Make", "Model"))
-            focal = float(spec.get_int_attribute("Exif:FocalLengthIn35mmFilm", 0))
+            texts = tuple(map(spec.get_string_attribute, EXIF_TEXTS))
+            numbers = tuple(float(spec.getattribute(x) or 0.0) for x in EXIF_NUMBERS)
     except (UserError, OSError):
-        return Exif("", 0.0)
-    words = (word.strip() for word in (maker, model))
-    return Exif(" ".join(filter(None, words)), focal)
+        return Exif("")
+    maker, model, lens = (text.strip() for text in texts)
+    return Exif(" ".join(filter(None, (maker, model))), lens, *numbers)
 
 
 def write(

@@ -5,7 +5,6 @@ What is done is not run again; what fails does not stop the others.
 """
 
 import argparse
-import importlib.util
 import re
 import sys
 import time
@@ -13,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from internal import progress, script
+from internal import extras, progress, script
 from internal.errors import UserError
 from internal.launching.machine import Machine
 from internal.launching.run import Run
@@ -48,8 +47,7 @@ def place_for(args: argparse.Namespace, folder: Path) -> Place:
         UserError: there is no such place here.
     """
     if args.cluster:
-        if importlib.util.find_spec("submitit") is None:
-            raise UserError("--cluster needs more: run pip install -e '.[cluster]'")
+        extras.need("cluster", "submitit", to="--cluster")
         from internal.launching.cluster import Slurm
 
         return Slurm(folder / "slurm", args.cluster_options)

@@ -26,6 +26,12 @@ def score_table(scores: Scores, heading: str) -> Table:
     return Table(heading, text, headers, rows)
 
 
+def heading(views: int, with_truth: int) -> str:
+    """What a table of mean scores says it is the mean of."""
+    some = f"; {with_truth} of {views} have truth" if 0 < with_truth < views else ""
+    return f"Scores, mean over test views{some}"
+
+
 def read_table(metrics_json: Path) -> str:
     """The mean scores of a ``metrics.json`` in Markdown."""
     mean = atomic.read_json(metrics_json, "eval.py")["mean"]

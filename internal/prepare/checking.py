@@ -20,9 +20,16 @@ from internal.prepare.brighten import copy_size
 from internal.prepare.exposures import Exposures
 from internal.prepare.matching import Copy, Pairs
 from internal.prepare.report import Report, write_report
+from internal.prepare.scene_files import HOLDOUT
 from internal.prepare.summary import summarize, train_command
 from internal.scene import colmap, readers
-from internal.scene.loading import check_lenses, check_poses, find_truth, fit_lenses
+from internal.scene.loading import (
+    check_lenses,
+    check_poses,
+    find_truth,
+    fit_lenses,
+    held_out,
+)
 from internal.scene.readers.base import SceneFiles
 
 NEIGHBOURS = 3  # that each view is matched with
@@ -40,7 +47,7 @@ def check_scene(data_dir: Path, folder: Path) -> Report:
     check_poses(files)
     check_lenses(files)
     lenses = fit_lenses(files, 1)
-    truth = find_truth(files, data_dir, "")
+    truth = find_truth(files, data_dir, "", held_out(files, HOLDOUT))
     count = len(files.names)
     photos = [
         statistics.measure(image_io.read_srgb(path, files.upright))

@@ -168,7 +168,8 @@ def _inspect(folder: Path, name: str) -> Photo | str:
     height, width = srgb.shape[:2]
     exif = image_io.read_exif(path)
     focal = exif.focal_35mm / FILM_DIAGONAL * math.hypot(width, height)
-    camera = f"{exif.camera} {width}x{height} {exif.focal_35mm:g}".strip()
+    zoom = f"{exif.focal:g} mm ({exif.focal_35mm:g} mm)"
+    camera = f"{exif.camera} {exif.lens} {width}x{height} {zoom}".strip()
     return Photo(path, name, width, height, camera, focal, statistics)
 
 

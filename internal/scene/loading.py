@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, UInt16
 
-from internal import poses
+from internal import color, poses
 from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
 from internal.files.listing import list_pictures, say_once
 from internal.scene import colmap
 from internal.scene.masks import ASPECT_TOLERANCE, Mask, blackened
-from internal.scene.pairing import find_truth_folder, pair_by_name
+from internal.scene.pairing import find_truth_folder, pair_truth, some
 from internal.scene.readers.base import SceneFiles
 from internal.scene.unround import is_rounded, unround
 
@@ -27,14 +27,18 @@ ROTATION_TOLERANCE = 1e-2  # hand-written JSON drifts; a mirror or a scale does 
 SAME_PLACE = 1e-6  # of the coordinates; single precision holds no less
 UINT16_ONE = 65535.0
 GAINS_FILE = "exposures.json"  # written by prepare.py
+BRIGHTER = 4.0  # times the light of dark photos: exposures of one series differ less
+LOOKED_AT = 3  # photos of each
+LEAST_LIGHT = 1e-4  # for the ratio that is printed
 
 
 @dataclasses.dataclass(frozen=True)
 class Truth:
-    """Normal-light twins of all views; no paths if there are none."""
+    """Normal-light twins of views, by view."""
 
-    paths: tuple[Path, ...]
+    paths: dict[int, Path]
     reason: str  # for messages
+    is_alone: bool = False  # the test views have no dark photos, these instead
 
 
 def check_poses(files: SceneFiles) -> None:
@@ -115,25 +119,61 @@ def held_out(files: SceneFiles, holdout: int) -> Bool[np.ndarray, " n"]:
     return index % holdout == 0 if holdout > 0 else np.zeros(len(index), bool)
 
 
-def find_truth(files: SceneFiles, data_dir: Path, gt_dir: str) -> Truth:
-    """Pairs every view with its normal-light twin, if there is a folder of them.
+def find_truth(
+    files: SceneFiles, data_dir: Path, gt_dir: str, is_test: Bool[np.ndarray, " n"]
+) -> Truth:
+    """Pairs views with their normal-light twins, if there is a folder of them.
+
+    Test views are truth themselves where they show that they are: in other folders
+    than all training photos, and ``BRIGHTER`` times as bright.
 
     Raises:
-        UserError: the folder's pictures cannot be paired.
+        UserError: the folder's pictures cannot be paired with any view.
     """
+    alone = _bright_alone(files, is_test) if not gt_dir else 0.0
+    if alone:
+        paths = {v: files.image_paths[v] for v in np.flatnonzero(is_test).tolist()}
+        first = paths[min(paths)]
+        return Truth(
+            paths,
+            f"the test views' own photos ({first.parent.name}/{first.name}, ...), "
+            f"which have {alone:.0f} times the light of the training photos; they "
+            "have no dark photos",
+            is_alone=True,
+        )
     dark_folders = {path.parent for path in files.image_paths}
     first_dark = files.image_paths[0].parent
     folder = data_dir / gt_dir if gt_dir else find_truth_folder(data_dir, first_dark)
     if folder is None:
-        return Truth((), "none found; Config.gt_dir names its folder")
+        return Truth({}, "none found; Config.gt_dir names its folder")
     if len(dark_folders) == 1:
         names = tuple(path.name for path in files.image_paths)
-        paths, rule = pair_by_name(names, folder, list_pictures(first_dark))
+        found, rule = pair_truth(names, folder, list_pictures(first_dark))
     else:
-        paths, rule = pair_by_name(files.names, folder)
-    pairs = zip(files.image_paths[:3], paths[:3], strict=True)
-    shown = ", ".join(f"{dark.name} -> {bright.name}" for dark, bright in pairs)
-    return Truth(paths, f"{folder}, paired by {rule}: {shown}")
+        names = files.names
+        found, rule = pair_truth(names, folder)
+    paths = {view: found[name] for view, name in enumerate(names) if name in found}
+    pairs = [(names[view], path.name) for view, path in list(paths.items())[:3]]
+    shown = ", ".join(f"{dark} -> {bright}" for dark, bright in pairs)
+    reason = f"{folder}, paired by {rule}: {shown}"
+    lonely = [files.names[v] for v in np.flatnonzero(is_test) if v not in paths]
+    if lonely:
+        reason += f"; none for {some(lonely)} of {is_test.sum()} test views"
+    return Truth(paths, reason)
+
+
+def _bright_alone(files: SceneFiles, is_test: Bool[np.ndarray, " n"]) -> float:
+    """How many times the light of training photos test photos have, if they are no
+    dark photos; else 0. A few of each tell."""
+    trained = [p for p, t in zip(files.image_paths, is_test, strict=True) if not t]
+    tested = [p for p, t in zip(files.image_paths, is_test, strict=True) if t]
+    if not tested or {p.parent for p in trained} & {p.parent for p in tested}:
+        return 0.0
+    dark, bright = (
+        np.mean([color.photo_to_linear(image_io.read_srgb(p)).mean() for p in paths])
+        for paths in (trained[:LOOKED_AT], tested[:LOOKED_AT])
+    )
+    return float(bright / max(dark, LEAST_LIGHT)) if bright > BRIGHTER * dark else 0.0
 
 
 def load_picture(

@@ -17,6 +17,7 @@ from internal.files.listing import composed, list_pictures, say_once
 from internal.scene.surface_normals import why_no_truth
 
 DARK_FOLDER = "low"
+SHOWN = 10  # names in a message
 PAIR_BY = ("name", "number", "order")  # from strict to loose
 TRUTH_FOLDERS = ("high", "normal", "gt", "images_normal")
 
@@ -144,6 +145,30 @@ def pair_by_name(
     )
 
 
+def pair_truth(
+    names: Sequence[str], folder: Path, population: Sequence[str] = ()
+) -> tuple[dict[str, Path], str]:
+    """The truth of each view that has one, and by which rule they are paired.
+
+    As ``pair_by_name`` where that pairs all; else the views whose names are there, as
+    ``match_by_name`` says, or whose one number is in the name of one picture.
+
+    Raises:
+        UserError: no rule pairs any.
+    """
+    try:
+        paths, rule = pair_by_name(names, folder, population)
+        return dict(zip(names, paths, strict=True)), rule
+    except UserError:
+        candidates = list_pictures(folder)
+        found, rule = match_by_name(names, candidates), "names"
+        if not found:
+            found, rule = _pair_some(names, candidates, _number), "numbers in the names"
+        if not found:
+            raise
+        return {name: folder / found[name] for name in found}, rule
+
+
 def match_by_name(names: Sequence[str], candidates: Sequence[str]) -> dict[str, str]:
     """The candidate that each name means; names that mean none are left out.
 
@@ -154,12 +179,28 @@ def match_by_name(names: Sequence[str], candidates: Sequence[str]) -> dict[str, 
     found: dict[str, str] = {}
     for key in _LOOSER:
         taken = set(found.values())
-        waiting = _by_key([name for name in names if name not in found], key)
-        free = _by_key([name for name in candidates if name not in taken], key)
-        for shared in waiting.keys() & free.keys():
-            if len(waiting[shared]) == len(free[shared]) == 1:
-                found[waiting[shared][0]] = free[shared][0]
+        waiting = [name for name in names if name not in found]
+        free = [name for name in candidates if name not in taken]
+        found |= _pair_some(waiting, free, key)
     return {name: found[name] for name in names if name in found}
+
+
+def _pair_some(
+    names: Sequence[str], candidates: Sequence[str], key: Callable[[str], str]
+) -> dict[str, str]:
+    """Partners of one name each, as far as keys are equal and not empty."""
+    waiting, free = _by_key(names, key), _by_key(candidates, key)
+    return {
+        waiting[shared][0]: free[shared][0]
+        for shared in waiting
+        if shared and len(waiting[shared]) == len(free.get(shared, ())) == 1
+    }
+
+
+def some(names: Sequence[str]) -> str:
+    """The names, as many as fit into a message."""
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return ", ".join(names[:SHOWN]) + more
 
 
 def _by_key(names: Sequence[str], key: Callable[[str], str]) -> dict[str, list[str]]:

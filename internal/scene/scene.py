@@ -10,7 +10,7 @@ an area average keeps the precision it gained.
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from internal.files.picture_store import Picture, hold
 from internal.poses import transform_poses
 from internal.scene import readers
 from internal.scene.colmap import lens_table
+from internal.scene.config import SceneConfig
 from internal.scene.extent import (
     Bounds,
     Frame,
@@ -63,11 +64,11 @@ class Scene:
     format: str
     split: str  # "train" or "test"
     view_names: tuple[str, ...]
-    image_paths: tuple[Path, ...]  # files of ``images``
+    image_paths: tuple[Path, ...]  # files of ``images``; of truth where there are none
     lenses: tuple[Lens, ...]  # at the size of ``images``
     cameras: Cameras  # NumPy arrays, model frame
-    images: Sequence[Picture]  # dark input
-    truth: Sequence[Picture]  # () without paired truth
+    images: Sequence[Picture]  # dark input; () where test views have truth alone
+    truth: Mapping[int, Picture]  # by view, of those that have it
     masks: tuple[Mask, ...]  # of ``images`` and ``truth``; () if every pixel counts
     gains: Float[np.ndarray, "n 3"]  # photo over scene, linear light
     space: ForwardFacing | Unbounded
@@ -95,7 +96,9 @@ class Scene:
 
     @functools.cached_property
     def brightness(self) -> float:
-        """Mean of the pictures, sRGB in [0, 1]."""
+        """Mean of the pictures, sRGB in [0, 1]; 0 without any."""
+        if not self.images:
+            return 0.0
         seen = [self.pixels(v) for v in range(len(self.images)) if self.mask(v).any()]
         return float(np.mean([pixels.mean() for pixels in seen])) / UINT16_ONE
 
@@ -105,24 +108,23 @@ class Scene:
         return noise_of_files(self.image_paths, self.masks, self.upright)
 
 
+@dataclasses.dataclass(frozen=True)
+class _Layout:
+    """What is decided from all views, whatever the split."""
+
+    files: SceneFiles
+    lenses: tuple[Lens, ...]  # at the size of the pictures as trained on
+    is_test: Bool[np.ndarray, " n"]
+    has_photo: Bool[np.ndarray, " n"]  # a dark one; else truth alone
+    bounds: Bounds
+    frame: Frame
+    truth: Truth
+    gains: Float[np.ndarray, "n 3"]
+    masks: tuple[Mask, ...]
+
+
 def load_scene(
-    data_dir: Path,
-    *,
-    split: str,
-    dataset_loader: str = "auto",
-    factor: int = 1,
-    images_dir: str = "",
-    pair_by: str = "name",
-    gt_dir: str = "",
-    near: float = 0.0,
-    far: float = 0.0,
-    projection: str = "auto",
-    end_at_far: bool = False,
-    holdout: int = 8,
-    photo_gains: bool = True,
-    unrounded: bool = False,
-    max_image_memory: float = np.inf,
-    find_points: FindPoints | None = None,
+    config: SceneConfig, split: str, find_points: FindPoints | None = None
 ) -> Scene:
     """Loads one split of a scene and prints what was found and how.
 
@@ -130,31 +132,7 @@ def load_scene(
     agree on frame and bounds.
 
     Args:
-        data_dir: the scene's folder.
         split: "train" or "test".
-        dataset_loader: name of a reader, or "auto" to detect the format.
-        factor: pictures shrink by it, by area average of their sRGB values.
-        images_dir: folder in ``data_dir`` to take the input pictures from instead
-            of the one the pose file states.
-        pair_by: how those pictures may find their poses: "name"; "number", also by
-            the one number in their names; "order", also by order.
-        gt_dir: folder of normal-light truth, absolute or in ``data_dir``; "" looks
-            beside the dark pictures (``pairing.TRUTH_FOLDERS``).
-        near: depth before which there is nothing, in the pose file's units; 0 takes
-            the pose file's, or estimates it from sparse points.
-        far: likewise the depth past which there is nothing.
-        projection: "ndc" for cameras that face one way, "contract" for any others,
-            "auto" to detect.
-        end_at_far: with "ndc", rays end at ``far`` and not at infinity.
-        holdout: every ``holdout``-th view, from the first, is a test view if the
-            files state no split; 0 trains on all.
-        photo_gains: the light of each photo over the scene's, from the file that
-            prepare.py writes, where there is one; training then explains the photos
-            by it and renderings are free of it. Not for other ``images_dir``.
-        unrounded: takes the steps of rounding out of the colours of the training
-            photos (``internal/scene/unround.py``); test photos stay as they are.
-        max_image_memory: gigabytes of pictures to keep in memory; more lie in a
-            temporary file.
         find_points: asked for points, from the views that are trained on, where
             nothing else says how deep the scene is.
 
@@ -163,18 +141,43 @@ def load_scene(
     """
     if split not in SPLITS:
         raise UserError(f"unknown split {split!r}; choose {' or '.join(SPLITS)}")
-    files = readers.read_files(data_dir, dataset_loader, images_dir, pair_by)
+    layout = _lay_out(config, find_points, needs_truth=split == "test")
+    views = np.flatnonzero(layout.is_test == (split == "test")).tolist()
+    if not views:
+        raise UserError(f"{config.data_dir}: no test views; set Config.holdout above 0")
+    scene = _load(config, layout, split, views)
+    _report(scene, layout)
+    report(layout.masks)
+    if scene.images and scene.brightness == 0.0:
+        raise UserError(
+            f"{scene.image_paths[0].parent}: all {len(scene.images)} photos are black, "
+            "without a pixel above 0: there is no light to bring out"
+        )
+    if not config.images_dir:  # else the user chose: LLE + NeRF chooses bright photos
+        _warn_of_normal_light(scene)
+    return scene
+
+
+def _lay_out(
+    config: SceneConfig, find_points: FindPoints | None, *, needs_truth: bool
+) -> _Layout:
+    """Reads the scene's files and decides split, frame and bounds."""
+    data_dir = Path(config.data_dir)
+    files = readers.read_files(
+        data_dir, config.dataset_loader, config.images_dir, config.pair_by
+    )
     check_poses(files)
     check_lenses(files)
     warn_of_one_place(files)
-    lenses = fit_lenses(files, factor)
-    is_test = held_out(files, holdout)
+    lenses = fit_lenses(files, config.factor)
+    is_test = held_out(files, config.holdout)
     trained = int((~is_test).sum())
     if trained < 2:
         raise UserError(
             f"{data_dir}: {trained} training views of {len(is_test)}; expected at "
             "least 2: add photos, or hold out fewer for testing (Config.holdout)"
         )
+    near, far = config.near, config.far
     is_known = bool(near and far) or knows_depths(files, lenses, ~is_test)
     if find_points and not is_known:
         points = find_points(files, np.flatnonzero(~is_test).tolist())
@@ -182,73 +185,95 @@ def load_scene(
             files, points=points, points_source="points found in the photos"
         )
     bounds = find_bounds(files, lenses, ~is_test, near, far)
-    frame = choose_frame(files, lenses, bounds, projection, end_at_far)
-    truth = find_truth(files, data_dir, gt_dir)
-    own_photos = photo_gains and not images_dir
-    unrounds = unrounded and split == "train"
-    gains = load_gains(data_dir, files.image_paths, own_photos)
+    frame = choose_frame(files, lenses, bounds, config.projection, config.end_at_far)
+    truth = _find_truth(files, data_dir, config.gt_dir, is_test, needed=needs_truth)
+    has_photo = ~is_test if truth.is_alone else np.ones_like(is_test)
+    gains = np.ones((len(is_test), 3), np.float32)
+    gains[has_photo] = load_gains(
+        data_dir,
+        [files.image_paths[view] for view in np.flatnonzero(has_photo)],
+        config.photo_gains and not config.images_dir,
+    )
     masks = load_masks(files, lenses, is_test)
+    return _Layout(
+        files, lenses, is_test, has_photo, bounds, frame, truth, gains, masks
+    )
 
-    views = np.flatnonzero(is_test == (split == "test"))
-    if len(views) == 0:
-        raise UserError(f"{data_dir}: no test views; set Config.holdout above 0")
-    own_lenses = tuple(lenses[v] for v in views)
-    own_masks = [
-        masks[v] if masks else everything(lenses[v].width, lenses[v].height)
-        for v in views
-    ]
-    shown = list(zip(views.tolist(), own_masks, strict=True))
+
+def _load(
+    config: SceneConfig, layout: _Layout, split: str, views: Sequence[int]
+) -> Scene:
+    """The scene of some views, with their pictures."""
+    files, frame, truth = layout.files, layout.frame, layout.truth
+    lenses = tuple(layout.lenses[view] for view in views)
+    masks = {
+        view: layout.masks[view]
+        if layout.masks
+        else everything(layout.lenses[view].width, layout.lenses[view].height)
+        for view in views
+    }
     camtoworlds = transform_poses(frame.model_from_world, files.camtoworlds[views])
-    scene = Scene(
-        name=data_dir.resolve().name,
+    photos = (
+        load_picture(
+            files.image_paths[view],
+            layout.lenses[view],
+            masks[view],
+            files.upright,
+            unrounded=config.unrounded and split == "train",
+        )
+        for view in views
+        if layout.has_photo[view]
+    )
+    places = {place: view for place, view in enumerate(views) if view in truth.paths}
+    truths = (
+        load_truth(
+            truth.paths[view],
+            files.image_paths[view],
+            layout.lenses[view],
+            masks[view],
+            files.upright,
+        )
+        for view in places.values()
+    )
+    return Scene(
+        name=Path(config.data_dir).resolve().name,
         format=files.format,
         split=split,
-        view_names=tuple(files.names[v] for v in views),
-        image_paths=tuple(files.image_paths[v] for v in views),
-        lenses=own_lenses,
-        cameras=posed_cameras(own_lenses, camtoworlds),
-        images=hold(
-            (
-                load_picture(
-                    files.image_paths[v],
-                    lenses[v],
-                    mask,
-                    files.upright,
-                    unrounded=unrounds,
-                )
-                for v, mask in shown
-            ),
-            max_image_memory,
-        ),
-        truth=hold(
-            (
-                load_truth(
-                    truth.paths[v], files.image_paths[v], lenses[v], mask, files.upright
-                )
-                for v, mask in shown
-                if truth.paths
-            ),
-            max_image_memory,
-        ),
-        masks=() if all(mask.all() for mask in own_masks) else tuple(own_masks),
-        gains=gains[views],
+        view_names=tuple(files.names[view] for view in views),
+        image_paths=tuple(files.image_paths[view] for view in views),
+        lenses=lenses,
+        cameras=posed_cameras(lenses, camtoworlds),
+        images=hold(photos, config.max_image_memory),
+        truth=dict(zip(places, hold(truths, config.max_image_memory), strict=True)),
+        masks=() if all(x.all() for x in masks.values()) else tuple(masks.values()),
+        gains=layout.gains[views],
         space=frame.space,
-        near=bounds.near,
-        far=bounds.far,
+        near=layout.bounds.near,
+        far=layout.bounds.far,
         model_from_world=frame.model_from_world,
         upright=files.upright,
-        identity=identify(files, lenses, is_test, gains, bounds, frame),
+        identity=identify(
+            files, layout.lenses, layout.is_test, layout.gains, layout.bounds, frame
+        ),
     )
-    _report(scene, files, is_test, bounds, frame, truth)
-    report(masks)
-    if scene.brightness == 0.0:
-        raise UserError(
-            f"{scene.image_paths[0].parent}: all {len(scene.images)} photos are black, "
-            "without a pixel above 0: there is no light to bring out"
-        )
-    if not images_dir:  # else the user chose, and LLE + NeRF chooses bright photos
-        _warn_of_normal_light(scene)
-    return scene
+
+
+def _find_truth(
+    files: SceneFiles,
+    data_dir: Path,
+    gt_dir: str,
+    is_test: Bool[np.ndarray, " n"],
+    *,
+    needed: bool,
+) -> Truth:
+    """Truth as ``find_truth`` finds it. Training needs none: what is wrong with it is
+    then only said."""
+    try:
+        return find_truth(files, data_dir, gt_dir, is_test)
+    except UserError as error:
+        if needed:
+            raise
+        return Truth({}, f"WARNING: none for scores: {error}")
 
 
 def posed_cameras(
@@ -266,15 +291,10 @@ def posed_cameras(
     )
 
 
-def _report(
-    scene: Scene,
-    files: SceneFiles,
-    is_test: Bool[np.ndarray, " n"],
-    bounds: Bounds,
-    frame: Frame,
-    truth: Truth,
-) -> None:
+def _report(scene: Scene, layout: _Layout) -> None:
     """Prints what was found and decided."""
+    files, is_test, truth = layout.files, layout.is_test, layout.truth
+    bounds, frame = layout.bounds, layout.frame
     sizes = {f"{lens.width}x{lens.height}" for lens in scene.lenses}
     models = {lens.model for lens in scene.lenses}
     print(

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scores of test views, and the trivial baselines beside them.
 
-Scores of a view are ``{"dark": {...}}`` against its dark photo and, where it has a
-normal-light truth, ``{"enhanced": {...}}`` and one entry per baseline against that
-truth; one baseline, ``unchanged``, is the dark rendering itself. Pictures are
-[height, width, 3] sRGB in [0, 1]; masks are True where a pixel counts.
+Scores of a view are, where it has a dark photo, ``{"dark": {...}}`` against that and,
+where it has a normal-light truth, ``{"enhanced": {...}}`` and one entry per baseline
+against that truth; one baseline, ``unchanged``, is the dark rendering itself. Pictures
+are [height, width, 3] sRGB in [0, 1]; masks are True where a pixel counts.
 """
 
 import jax.numpy as jnp
@@ -44,7 +44,7 @@ BASELINES = {
 def score_view(
     rendering: Rendering | LitRendering,
     baseline_pictures: Pictures,
-    dark: Float[np.ndarray, "height width 3"],
+    dark: Float[np.ndarray, "height width 3"] | None,
     truth: Float[np.ndarray, "height width 3"] | None,
     gain: Float[np.ndarray, " 3"],
     mask: Mask,
@@ -52,13 +52,15 @@ def score_view(
     """Scores of one rendered view and of what ``brightened`` makes of it.
 
     Args:
-        dark: the photo, which took ``gain`` times the scene's linear light.
-        truth: None where there is none.
+        dark: the photo, which took ``gain`` times the scene's linear light; None where
+            there is none, which holds for ``truth`` too.
         mask: of photo and truth; some pixel counts.
     """
-    rgb = jnp.asarray(rendering.rgb)
-    photo = color.expose(rgb, jnp.broadcast_to(gain, rgb.shape))
-    scores = {"dark": metrics.score_dark(np.asarray(photo), dark, mask)}
+    scores: Scores = {}
+    if dark is not None:
+        rgb = jnp.asarray(rendering.rgb)
+        photo = color.expose(rgb, jnp.broadcast_to(gain, rgb.shape))
+        scores["dark"] = metrics.score_dark(np.asarray(photo), dark, mask)
     if truth is None:
         return scores
     if isinstance(rendering, LitRendering):

@@ -13,10 +13,8 @@ from internal.errors import UserError
 from internal.files.listing import list_pictures, say_once
 from internal.scene.colmap import MODEL_ROOTS, find_model, find_models, read_model
 from internal.scene.mask_files import find_masks
-from internal.scene.pairing import find_input_folder, match_by_name, pair_poses
+from internal.scene.pairing import find_input_folder, match_by_name, pair_poses, some
 from internal.scene.readers.base import Reader, SceneFiles
-
-SHOWN = 10  # names in a message
 
 
 def matches(data_dir: Path) -> bool:
@@ -73,20 +71,15 @@ def _pair(
     if gone:
         say_once(
             f"{folder}: {len(gone)} of {len(names)} poses have no photo in {pictures}: "
-            f"{_some(gone)} left out"
+            f"{some(gone)} left out"
         )
     unposed = sorted(set(listed) - set(matched.values()))
     if unposed:
         say_once(
             f"{pictures}: {len(unposed)} of {len(listed)} photos have no pose in "
-            f"{folder}: {_some(unposed)} left out"
+            f"{folder}: {some(unposed)} left out"
         )
     return {name: pictures / matched[name] for name in matched}
-
-
-def _some(names: Sequence[str]) -> str:
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return ", ".join(names[:SHOWN]) + more
 
 
 COLMAP = Reader(
