@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two Adams: their clipping and their schedules."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -20,9 +21,10 @@ def last_update(config: OptimizerConfig, gradients, group: str = "field"):
     optimizer = make_optimizer(config, TrainConfig(max_steps=100, enhance_start=0))
     params = {"field": RESTING, "enhancement": RESTING}
     state, updates = optimizer.init(params), params
+    update = jax.jit(optimizer.update)
     for step in gradients:
         given = {name: jnp.asarray(step) * (name == group) for name in params}
-        updates, state = optimizer.update(given, state, params)
+        updates, state = update(given, state, params)
     return np.asarray(updates[group])
 
 
@@ -50,11 +52,13 @@ def test_a_group_is_clipped_alone():
     optimizer = make_optimizer(OptimizerConfig(), TrainConfig(enhance_start=0))
     params = {"field": RESTING, "enhancement": RESTING}
 
+    update = jax.jit(optimizer.update)
+
     def field_updates(other: float):
         state = optimizer.init(params)
         for gradient in (0.09, 0.01):
             given = {"field": jnp.full(2, gradient), "enhancement": jnp.full(2, other)}
-            updates, state = optimizer.update(given, state, params)
+            updates, state = update(given, state, params)
         return updates["field"]
 
     np.testing.assert_array_equal(field_updates(1e6), field_updates(0.0))
@@ -66,11 +70,12 @@ def test_the_enhancements_rate_falls_from_its_start_to_the_end_of_training():
     optimizer = make_optimizer(config, TRAIN)
     params = {"field": RESTING, "enhancement": RESTING}
     state, moved = optimizer.init(params), []
+    update = jax.jit(optimizer.update)
     for step in range(TRAIN.max_steps + 1):
         ones = {name: jnp.ones(2) for name in params}
         resting = step < TRAIN.enhance_start
         given = ones | {"enhancement": ones["enhancement"] * (not resting)}
-        updates, state = optimizer.update(given, state, params)
+        updates, state = update(given, state, params)
         moved.append(-float(updates["enhancement"][0]))
     assert moved[: TRAIN.enhance_start] == [0.0] * TRAIN.enhance_start
     expected = np.geomspace(1e-2, 1e-3, TRAIN.max_steps - TRAIN.enhance_start + 1)
