@@ -56,7 +56,7 @@ class Machine:
             failed = started.run.end(started.command, code)
             following = started.command + 1
             if failed or following == len(started.run.commands):
-                self._free.extend([started.share] * 2)
+                self._free.append(started.share)
                 over.append(started.run)
             else:
                 self._start(started.run, started.share, following)
