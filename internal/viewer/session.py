@@ -54,7 +54,7 @@ class Frame:
     step: int
     finished: bool  # nothing finer follows
     camera: FreeCamera
-    middle: Point  # where the ray through the middle of the picture ends
+    middle: Point  # on the camera's axis, as far ahead as what is seen there
 
     def describe(self) -> str:
         """One line for the panel."""
@@ -80,6 +80,12 @@ class _Shown:
         height, width, _ = self.rendering.rgb.shape
         row, column = int(place[1] * height), int(place[0] * width)
         return min(max(row, 0), height - 1), min(max(column, 0), width - 1)
+
+    def middle(self, space: ForwardFacing | Unbounded) -> Point:
+        """What is in the middle; exactly there, whatever the pixels."""
+        place, axis = self.camera.camtoworld[:, 3], self.camera.camtoworld[:, 2]
+        (seen,) = self.points(space, [(0.5, 0.5)])
+        return place - ((place - seen) @ axis) * axis
 
     def points(
         self, space: ForwardFacing | Unbounded, places: Sequence[tuple[float, float]]
@@ -286,7 +292,7 @@ class Session:
         step = shown.trained.step
         frame = Frame(
             picture, self._frames, frames_per_second, rays_per_second, step, finished,
-            shown.camera, self.point_at((0.5, 0.5)),
+            shown.camera, shown.middle(self._studio.scene.space),
         )  # fmt: skip
         self._show(frame)
 
