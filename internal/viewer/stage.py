@@ -25,6 +25,7 @@ const wait = setInterval(() => {{
   clearInterval(wait);
 }}, 100);
 """
+NEAR_ENOUGH = 0.1  # of the distance to what is turned about
 OPENCV_AXES = np.diag([1.0, -1.0, -1.0])
 THUMBNAIL_WIDTH = 64  # pixels
 FRUSTUM_SIZE = 0.1  # of the spread of the photos
@@ -56,10 +57,12 @@ def look_at(client: viser.ClientHandle, point: Float[np.ndarray, " 3"]) -> None:
 
 
 def turn_about(client: viser.ClientHandle, point: Float[np.ndarray, " 3"]) -> None:
-    """Makes a drag turn about a point on the axis of a browser's camera."""
+    """Makes a drag turn about a point on the axis of a browser's camera, unless it
+    turns about one near it: the browser answers what it is told by moving a little."""
     camera = camera_of(client.camera)
     ahead = (camera.camtoworld[:, 3] - point) @ camera.camtoworld[:, 2]
-    if ahead > 2.0 * client.camera.near:
+    apart = np.linalg.norm(client.camera.look_at - point)
+    if ahead > 2.0 * client.camera.near and apart > NEAR_ENOUGH * ahead:
         client.camera.look_at = point
 
 
