@@ -93,10 +93,8 @@ def main(argv: Sequence[str]) -> int:
             written.setdefault(output, []).append((path.as_posix(), name))
 
     mean = evaluation.mean_scores(views)
-    result = {
-        **{"step": int(state.step), "masked": scene.masked},
-        **{"views": views, "mean": mean},
-    }
+    scored = {"masked": scene.masked, "views": views, "mean": mean}
+    result = {"step": int(state.step), **scored}
     atomic.write_text(folder / "metrics.json", json.dumps(result, indent=2) + "\n")
     table = scores.score_table(mean, scores.heading(len(names), len(scene.truth)))
     pages.write_index(

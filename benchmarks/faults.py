@@ -56,7 +56,7 @@ FAULTS = OUTCOMES[2:]
 
 @dataclasses.dataclass(frozen=True)
 class Loaded:
-    """What loading both splits of a scene came to."""
+    """What loading a folder came to."""
 
     error: str  # "" if it loaded
     is_user_error: bool
@@ -66,11 +66,11 @@ class Loaded:
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A broken scene."""
+    """A broken scene or run."""
 
     number: int
     format: str
-    file: str  # that was broken, in the scene's folder
+    file: str  # that was broken, in its folder
     change: str
 
 
@@ -291,14 +291,12 @@ def change_word(path: Path, rng: random.Random) -> str:
     line = rng.choice([x for x in lines if x != [""]])
     place = rng.randrange(len(line))
     if rng.random() < 0.2:
-        return f"without {line.pop(place)}" + _save(path, lines)
-    line[place] = str(rng.choice(ODD_VALUES))[:400]
-    return f"{line[place][:20]!r}" + _save(path, lines)
-
-
-def _save(path: Path, lines: list[list[str]]) -> str:
+        done = f"without {line.pop(place)}"
+    else:
+        line[place] = str(rng.choice(ODD_VALUES))[:400]
+        done = f"{line[place][:20]!r}"
     path.write_text("\n".join(" ".join(line) for line in lines))
-    return ""
+    return done
 
 
 class Loader:
@@ -373,7 +371,7 @@ def load_views(scene: Path) -> dict[str, float]:
 
 
 def load_parameters(run: Path) -> dict[str, float]:
-    """The mean of each trained parameter and of what the log says."""
+    """The mean of each array of a run's newest state."""
     config = cli.start_trained(flags.trained("").parse_args(["--run", str(run)]))
     state = load_trained(config, parallel.data_mesh(jax.device_count()))[1]
     leaves, _ = jax.tree_util.tree_flatten_with_path(state)

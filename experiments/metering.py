@@ -265,14 +265,16 @@ def main() -> None:
     metering.FITTED.write_text(json.dumps(made | shipped) + "\n")
     print(markdown(headers, rows))
     same = f"same mean {metering.NORMAL}"
-    print(markdown(("scene", "kernel", same, "ships"), scenes(shipped)))
-    print(markdown(("curve", "best", *map(str, NORMALS)), blends(shots)))
+    whole = captures.scene_shots()
+    print(markdown(("scene", "kernel", same, "ships"), scenes(shipped, whole)))
+    table = blends(shots, [shot for _, shot in whole])
+    print(markdown(("curve", "best", *map(str, NORMALS)), table))
 
 
-def scenes(shipped: dict) -> list[tuple[str, ...]]:
+def scenes(shipped: dict, whole: list[tuple[str, Shot]]) -> list[tuple[str, ...]]:
     """Errors in stops of the two rules and of their blend on whole scenes."""
     prior = metering.prior_of(shipped)
-    names, shots = zip(*captures.scene_shots(), strict=True)
+    names, shots = zip(*whole, strict=True)
     curve = prior.contrast, prior.shoulder
     lit = under_curve(list(shots), *curve)
     kernel = lit.first + metering.correction(lit.shapes, prior)
@@ -284,17 +286,16 @@ def scenes(shipped: dict) -> list[tuple[str, ...]]:
     return [*rows, ("RMS", *(f"{x:.2f}" for x in rms))]
 
 
-def blends(shots: list[Shot]) -> list[tuple[str, ...]]:
+def blends(shots: list[Shot], whole: list[Shot]) -> list[tuple[str, ...]]:
     """For each curve PSNR of the pairs (left out) and of the whole scenes, and their
     sum, at the best exposure and a third of the way to each mean."""
     pairs = np.array([shot.group == "pairs" for shot in shots])
-    _, whole = zip(*captures.scene_shots(), strict=True)
     rows = []
     for curve in BLENDED_CURVES:
         family = dataclasses.replace(
             FAMILIES[SHIPPED], contrast=curve[0], shoulder=curve[1]
         )
-        lit, scene = under_curve(shots, *curve), under_curve(list(whole), *curve)
+        lit, scene = under_curve(shots, *curve), under_curve(whole, *curve)
         stops = left_out(family, shots, lit)
         weight = weights_of(shots, family.pairs)
         prior = fitted(family, lit, weight, np.ones(len(shots), bool))
@@ -303,7 +304,7 @@ def blends(shots: list[Shot]) -> list[tuple[str, ...]]:
         for mean in NORMALS:
             known = (
                 todays(shots, *curve, mean, True),
-                todays(list(whole), *curve, mean, True),
+                todays(whole, *curve, mean, True),
             )
             a = lit.psnr(np.asarray(blended(stops, known[0])))[pairs]
             cells.append(_both(a, scene.psnr(np.asarray(blended(learned, known[1])))))

@@ -37,6 +37,15 @@ def grid_run(tiny_cameras, tiny_images, ndc):
     return make_run(config, tiny_cameras, tiny_images, ndc, jax.devices()[:1])
 
 
+def grid_and_rays(cameras, space):
+    """A model of the fast field, its parameters, and five rays."""
+    config = load_config([], TINY_GRID)
+    model = Model(config.model)
+    params = {"params": initial_state(config, model).params}
+    index = jnp.zeros(5, jnp.int32)
+    return model, params, jax.jit(cast_rays)(cameras, space, index, index, index)
+
+
 @pytest.mark.parametrize("name", ["MLP", "HashGrid"])
 def test_every_field_keeps_the_interface(name):
     config = load_config([], [f"Model.field = @{name}()"])
@@ -45,11 +54,7 @@ def test_every_field_keeps_the_interface(name):
 
 
 def test_a_proposal_chooses_where_the_field_is_asked(tiny_cameras, ndc):
-    config = load_config([], TINY_GRID)
-    model = Model(config.model)
-    params = {"params": initial_state(config, model).params}
-    index = jnp.zeros(5, jnp.int32)
-    rays = jax.jit(cast_rays)(tiny_cameras, ndc, index, index, index)
+    model, params, rays = grid_and_rays(tiny_cameras, ndc)
     apply = jax.jit(model.apply, static_argnames="method")
     levels = apply(params, rays, ndc, method="march")
     (first,), last = levels.proposals, levels.last
@@ -60,11 +65,7 @@ def test_a_proposal_chooses_where_the_field_is_asked(tiny_cameras, ndc):
 
 
 def test_a_proposal_does_not_learn_through_the_places_it_chose(tiny_cameras, ndc):
-    config = load_config([], TINY_GRID)
-    model = Model(config.model)
-    params = {"params": initial_state(config, model).params}
-    index = jnp.zeros(5, jnp.int32)
-    rays = jax.jit(cast_rays)(tiny_cameras, ndc, index, index, index)
+    model, params, rays = grid_and_rays(tiny_cameras, ndc)
 
     def middles(params):
         edges = model.apply(params, rays, ndc, method="march").last.s_edges

@@ -66,7 +66,7 @@ def lens_directions(lens: Lens) -> Float[np.ndarray, "pixels 3"]:
     Raises:
         UserError: the lens is invalid, or a pixel has no direction.
     """
-    return _directions(lens, _pixel_centres(lens).reshape(-1, 2))
+    return directions_at(lens, _pixel_centres(lens).reshape(-1, 2))
 
 
 def lens_table(lens: Lens) -> Float[np.ndarray, "nodes 3"]:
@@ -76,12 +76,17 @@ def lens_table(lens: Lens) -> Float[np.ndarray, "nodes 3"]:
         UserError: the lens is invalid, or a node has no direction.
     """
     x, y = node_positions(lens.width), node_positions(lens.height)
-    return _directions(lens, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    return directions_at(lens, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
 
 
-def _directions(
+def directions_at(
     lens: Lens, pixels: Float[np.ndarray, "m 2"]
 ) -> Float[np.ndarray, "m 3"]:
+    """The directions of ``lens_directions`` at pixel coordinates (x, y).
+
+    Raises:
+        UserError: the lens is invalid, or a pixel has no direction.
+    """
     rays = pixel_rays(lens, pixels)
     if has_depth(lens):
         rays = rays / -rays[:, 2:]

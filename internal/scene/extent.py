@@ -61,8 +61,7 @@ def find_bounds(
     """
     source, guessed = "given", False
     if not (near and far):
-        found = _bounds_from_file(files) or _bounds_from_points(files, lenses, is_train)
-        found = found or _bounds_from_cameras(files)
+        found = known_bounds(files, lenses, is_train) or _bounds_from_cameras(files)
         source = f"one given, else {found.source}" if near or far else found.source
         near, far = near or found.near, far or found.far
         guessed = found.guessed
@@ -74,12 +73,11 @@ def find_bounds(
     return Bounds(near, far, source, guessed)
 
 
-def knows_depths(
+def known_bounds(
     files: SceneFiles, lenses: tuple[Lens, ...], is_train: Bool[np.ndarray, " n"]
-) -> bool:
-    """Whether the files state near and far, or have points that tell them."""
-    found = _bounds_from_file(files) or _bounds_from_points(files, lenses, is_train)
-    return found is not None
+) -> Bounds | None:
+    """Near and far as the files state them or as their points tell, if either does."""
+    return _bounds_from_file(files) or _bounds_from_points(files, lenses, is_train)
 
 
 def _bounds_from_cameras(files: SceneFiles) -> Bounds:

@@ -29,7 +29,7 @@ from internal.scene.extent import (
     Frame,
     choose_frame,
     find_bounds,
-    knows_depths,
+    known_bounds,
 )
 from internal.scene.identity import Identity, identify
 from internal.scene.loading import (
@@ -178,8 +178,8 @@ def _lay_out(
             "least 2: add photos, or hold out fewer for testing (Config.holdout)"
         )
     near, far = config.near, config.far
-    is_known = bool(near and far) or knows_depths(files, lenses, ~is_test)
-    if find_points and not is_known:
+    is_given = bool(near and far)
+    if find_points and not is_given and not known_bounds(files, lenses, ~is_test):
         points = find_points(files, np.flatnonzero(~is_test).tolist())
         files = dataclasses.replace(
             files, points=points, points_source="points found in the photos"

@@ -156,15 +156,16 @@ class Panel:
             handle.on_click(guarded(clicked))
 
     def _stand_at(self, view: int) -> None:
+        self._move_to(view)
+        self._outputs.compare_with_photo()
+
+    def _move_to(self, view: int) -> None:
         camera = self._studio.view_camera(view).seen_in(self._client.camera.aspect)
         move(self._client, camera.camtoworld, camera.fov)
-        self._outputs.compare_with_photo()
 
     async def _go_back(self, _: object) -> None:
         here = camera_of(self._client.camera).camtoworld
-        camera = self._studio.view_camera(self._studio.nearest_view(here))
-        there = camera.seen_in(self._client.camera.aspect)
-        move(self._client, there.camtoworld, there.fov)
+        self._move_to(self._studio.nearest_view(here))
 
     async def _clicked(self, event: viser.SceneClickEvent) -> None:
         before, self._click = self._click, (time.monotonic(), event.screen_pos)

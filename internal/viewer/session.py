@@ -25,7 +25,7 @@ from internal.errors import UserError, one_line
 from internal.rendering.evidence import EVIDENCE, false_colors
 from internal.rendering.pictures import Picture, pictures
 from internal.rendering.surfaces import surface_points
-from internal.scene.colmap import lens_directions
+from internal.scene.colmap import directions_at, lens_directions
 from internal.structs import LitRendering, Rendering
 from internal.viewer import takes
 from internal.viewer.canvas import PHOTO, Choice, draw, photo_through
@@ -93,9 +93,9 @@ class _Shown:
         """Where the rays at places of the picture end."""
         height, width, _ = self.rendering.rgb.shape
         rows, columns = np.transpose([self.pixel(place) for place in places])
-        directions = lens_directions(self.camera.lens(width * height))
+        pixels = np.stack([columns, rows], axis=-1) + 0.5
+        seen = directions_at(self.camera.lens(width * height), pixels)
         depth = np.asarray(self.rendering.depth, np.float64)[rows, columns, 0]
-        seen = directions.reshape(height, width, 3)[rows, columns]
         return surface_points(space, self.camera.camtoworld, seen, depth)
 
 

@@ -26,9 +26,9 @@ from internal.viewer.jobs import Speedometer, Task
 from internal.viewer.sharing import Turns
 from internal.viewer.trained import Trained
 
+NEIGHBOURS = 12  # photos that are asked whether they show what is seen
 # A chunk is the time nothing else happens in, so it is short; a call's overhead sets
 # the lower limit.
-NEIGHBOURS = 12  # photos that are asked whether they show what is seen
 LARGEST_CHUNK = 4096
 FIRST_GUESS_OF_SPEED = 10_000.0  # rays per second, until there is a measurement
 # A draft for a moving camera takes so many times fewer samples of each ray. On LOM

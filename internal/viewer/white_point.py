@@ -17,7 +17,6 @@ DARKEST = 1e-4  # linear light; what is darker has no colour to go by
 # How far the channels of the result may be apart, logarithm of linear light.
 GRAY = 0.02
 FURTHER_STARTS = ((6500.0, 0.0), (12000.0, 0.0), (3000.0, 0.0))  # kelvin, tint
-STEPS = np.diag([1.0, 0.01])  # of differences that stand for slopes
 MOST_TINT = TINT_RANGE[1] - 0.01
 
 Light = Float[np.ndarray, " 2"]  # mired, tint
@@ -46,11 +45,6 @@ def make_gray(shown: Callable[[Look], Float[np.ndarray, " 3"]], look: Look) -> L
         linear = np.asarray(color.srgb_to_linear(srgb), np.float64)
         red, green, blue = np.log(np.maximum(linear, DARKEST))
         return np.array([red - green, blue - green])
-
-    def slopes(light: Light) -> Float[np.ndarray, "2 2"]:
-        ahead = [colorfulness(light + step) for step in STEPS]
-        behind = [colorfulness(light - step) for step in STEPS]
-        return (np.subtract(ahead, behind) / (2.0 * STEPS.sum(axis=0)[:, None])).T
 
     if np.asarray(color.srgb_to_linear(shown(look))).max() <= DARKEST:
         raise UserError("this is black: pick something gray that is brighter")

@@ -33,7 +33,7 @@ from internal.files import image_io, ply
 from internal.files.listing import composed, find_file, is_metadata, say_once
 from internal.scene import colmap
 from internal.scene.mask_files import find_masks
-from internal.scene.pairing import dark_twin, pair_poses
+from internal.scene.pairing import dark_twin, pair_poses, some
 from internal.scene.readers.base import Reader, SceneFiles
 
 SPLIT_FILE = "transforms_{}.json"
@@ -44,7 +44,6 @@ WORST_FIT = 0.01  # of the spread of the camera centres
 WORST_AXES = 0.05  # between unit vectors: 3 degrees
 PERSPECTIVE_TERMS = ("k1", "k2", "p1", "p2")
 RATIONAL_TERMS = (*PERSPECTIVE_TERMS, "k3", "k4", "k5", "k6")
-SHOWN = 5  # names in a message
 LAST_ROW = (0.0, 0.0, 0.0, 1.0)
 FISHEYE_TERMS = ("k1", "k2", "k3", "k4")
 FISHEYE_MODELS = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
@@ -222,11 +221,9 @@ def _name_unlisted(frames: Sequence[_Frame]) -> None:
         )
         unlisted = [name for name in beside if name not in listed]
         if unlisted:
-            more = f" and {len(unlisted) - SHOWN} more" if len(unlisted) > SHOWN else ""
             say_once(
                 f"{folder}: {len(unlisted)} of {len(beside)} pictures are in no frame "
-                f"of {frames[0].json_path.name}: {', '.join(unlisted[:SHOWN])}{more} "
-                "left out"
+                f"of {frames[0].json_path.name}: {some(unlisted)} left out"
             )
 
 
