@@ -25,7 +25,7 @@ const wait = setInterval(() => {{
   clearInterval(wait);
 }}, 100);
 """
-NEAR_ENOUGH = 0.1  # of the distance to what is turned about
+NEAR_ENOUGH = 0.01  # of the distance to what is turned about
 OPENCV_AXES = np.diag([1.0, -1.0, -1.0])
 THUMBNAIL_WIDTH = 64  # pixels
 FRUSTUM_SIZE = 0.1  # of the spread of the photos
