@@ -19,7 +19,7 @@ import optax
 from jax import Array
 from jaxtyping import Float, Int
 
-from internal import poses, progress
+from internal import progress
 from internal.export import rasterizer
 from internal.export.density import Density, normals
 from internal.export.sightings import Sighting
@@ -105,8 +105,7 @@ def bake(
 
 def targets_of(scene: Scene, sightings: Sequence[Sighting], look: str) -> list[Target]:
     """What splats shall look like from where the field was rendered."""
-    scale = poses.scale_of(scene.model_from_world)
-    near = NEAREST * scene.near * scale
+    near = NEAREST * scene.near * scene.model_from_world.scale
     return [
         Target(
             pinhole_camera(sighting.lens, sighting.camtoworld, near),
