@@ -600,7 +600,7 @@ def _sparse_points(
     similarity = poses.fit_similarity(source[:, :, 3], target[:, :, 3])
     error = np.abs(similarity.poses(source) - target)
     spread = np.linalg.norm(np.std(target[:, :, 3], axis=0))
-    turned = poses.transform_poses(similarity, source)[:, :, :3] * (1.0, -1.0, -1.0)
+    turned = similarity.poses(source)[:, :, :3] * (1.0, -1.0, -1.0)
     if np.abs(turned - target[:, :, :3]).max() < WORST_AXES:
         raise UserError(
             f"{data_dir}: the poses of its JSON have OpenCV's axes, as the model in "
