@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Sequence
 from types import FrameType
 
-from internal import process
+from internal import flags, process
 from internal.errors import Diverged, UserError, one_line
 
 USER_ERROR_EXIT = 2
@@ -21,9 +21,14 @@ FAILURE_EXIT = 1  # what nobody can fix beforehand, such as a loss that diverges
 
 
 def begin(parser: argparse.ArgumentParser, *, computes: bool = True) -> None:
-    """Answers ``--help`` and wrong flags; a script that computes then starts again,
-    once, with the variables that ``process`` wants."""
-    parser.parse_args()
+    """Answers ``--help``, wrong flags and names of what is not there; a script that
+    computes then starts again, once, with the variables that ``process`` wants."""
+    args = parser.parse_args()
+    try:
+        flags.check_named(args)
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(USER_ERROR_EXIT)
     if computes:
         process.restart_tuned()
 

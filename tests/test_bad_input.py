@@ -43,13 +43,13 @@ def exit_code(main, argv, monkeypatch):
 
 def test_a_script_prints_one_line_and_exits_with_two():
     result = subprocess.run(
-        [sys.executable, "train.py", *bindings("Config.data_dir = 'no/such/scene'")],
+        [sys.executable, "train.py", "--scene=configs"],
         cwd=ROOT,
         capture_output=True,
         text=True,
     )
     assert result.returncode == 2
-    assert result.stderr.startswith("error: no/such/scene")
+    assert result.stderr.startswith("error: configs: no scene found")
     assert len(result.stderr.strip().splitlines()) == 1
     assert "Traceback" not in result.stderr
     assert result.stdout.startswith("devices: ")
@@ -193,20 +193,35 @@ def test_a_missing_extra_says_what_to_install(program, extra, monkeypatch, capsy
     assert_one_line(code, "run pip install -e '.[", capsys)
 
 
-NAMES = "train eval render view export sweep study prepare make_scene".split()
+USES_A_RUN = "eval render view export".split()
+TAKES_A_SCENE = ["train", "sweep", *USES_A_RUN]
+NAMES = [*TAKES_A_SCENE, *"compare figures demo study prepare make_scene".split()]
 
 
-@pytest.mark.parametrize("argv", [["--help"], ["--no-such-flag"]])
-def test_help_and_wrong_flags_are_answered_before_anything_large_is_imported(argv):
+@pytest.mark.parametrize(
+    ("argv", "names", "answer"),
+    [
+        (["--help"], NAMES, ""),
+        (["--no-such-flag"], NAMES, "error: "),
+        (["--gin_configs=no/file.gin"], TAKES_A_SCENE, "no/file.gin: no such gin file"),
+        (["--scene=no/scene"], TAKES_A_SCENE, "no/scene: scene folder not found"),
+        (["--run=no/run"], USES_A_RUN, "no/run: holds no checkpoint"),
+    ],
+)
+def test_what_flags_alone_show_is_answered_before_anything_large_is_imported(
+    argv, names, answer
+):
     """Each script in turn in one process, as ``__main__``."""
     code = f"""
-import runpy, sys
-for name in {NAMES!r}:
+import contextlib, io, runpy, sys
+for name in {names!r}:
     sys.argv = [name + ".py", *{argv!r}]
-    try:
-        runpy.run_path(name + ".py", run_name="__main__")
-    except SystemExit as stop:
-        assert stop.code == {0 if argv == ["--help"] else 2}, (name, stop.code)
+    with contextlib.redirect_stderr(io.StringIO()) as errors:
+        try:
+            runpy.run_path(name + ".py", run_name="__main__")
+        except SystemExit as stop:
+            assert stop.code == {2 if answer else 0}, (name, stop.code)
+    assert {answer!r} in errors.getvalue(), (name, errors.getvalue())
     large = {{"jax", "flax", "pycolmap", "numpy", "gin"}} & sys.modules.keys()
     assert not large, (name, large)
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small cases of ``benchmarks/kills.py`` and ``shortages.py``, without their minutes."""
+"""Small cases of ``benchmarks/kills.py`` and ``benchmarks/shortages.py``."""
 
 import multiprocessing
 import os

@@ -109,15 +109,13 @@ def write_all(
     Raises:
         UserError: no view ends on a surface.
     """
-    world_from_model = np.linalg.inv(scene.model_from_world)
+    world_from_model = scene.model_from_world.inverse()
+    in_world = world_from_model.points
     cloud = find_cloud(scene, sightings, density, wanted.points)
     mesh = find_mesh(scene, sightings, density, cloud.points, wanted.resolution)
 
-    def in_world(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        return poses.transform_points(world_from_model, points)
-
-    rotation = world_from_model[:3, :3] / poses.scale_of(world_from_model)
-    cloud = Cloud(in_world(cloud.points), cloud.normals @ rotation.T, cloud.colors)
+    outwards = cloud.normals @ world_from_model.rotation.T
+    cloud = Cloud(in_world(cloud.points), outwards, cloud.colors)
     mesh = dataclasses.replace(mesh, vertices=in_world(mesh.vertices))
     shapes.write_cloud(folder / "points.ply", cloud)
     for name in ("mesh.ply", "mesh.glb"):
@@ -144,7 +142,7 @@ def write_all(
     camtoworlds = np.asarray(scene.cameras.camtoworlds, np.float64)
     model = colmap.Reconstruction(
         names, scene.lenses,
-        poses.transform_poses(world_from_model, camtoworlds), cloud.points[some],
+        world_from_model.poses(camtoworlds), cloud.points[some],
     )  # fmt: skip
     (folder / "dataset").mkdir()
     pictures = [sighting.srgb for sighting in sightings]
@@ -248,9 +246,9 @@ def _sighting(scene: Scene, view: int, rendering: Rendering | LitRendering) -> S
     lit = rendering.enhanced if isinstance(rendering, LitRendering) else rendering.rgb
     depth = np.asarray(rendering.depth, np.float64)[..., 0]
     directions = colmap.lens_directions(lens).reshape(lens.height, lens.width, 3)
-    scale = poses.scale_of(scene.model_from_world)
+    far = scene.model_from_world.scale * scene.far
     points = surface_points(scene.space, camtoworld, directions, depth)
-    is_surface = ~is_background(depth, scale * scene.far) & scene.mask(view)
+    is_surface = ~is_background(depth, far) & scene.mask(view)
     dark = color.to_uint8(rendering.rgb)
     return Sighting(lens, camtoworld, color.to_uint8(lit), dark, points, is_surface)
 
