@@ -1,18 +1,24 @@
 # Two commands: `make demo` lights up the embedded dark scene, `make test` checks all.
 PYTHON ?= python3
 BIN := .venv/bin
+LOCK := requirements.lock
 READY := .venv/.ready
+EXTRAS := video,raw,heif,metrics,enhance2d,view,export,cluster,dev
+INSTALL := $(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS)]'
 
-.PHONY: install demo test lint clean
+.PHONY: install demo test lint lock clean
 
 install: $(READY)
 
-$(READY): pyproject.toml
+# The versions that the tests passed with; where these do not install (another Python,
+# another machine), the newest that pyproject.toml allows.
+$(READY): pyproject.toml requirements.lock
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "error: $(PYTHON) is older than 3.11; use make PYTHON=/path/to/python3.11"; exit 2; }
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[video,raw,heif,metrics,enhance2d,view,export,cluster,dev]'
+	$(INSTALL) --constraint $(LOCK) || { \
+	  echo "the versions of $(LOCK) do not install here: the newest instead"; $(INSTALL); }
 	@touch $(READY)
 
 demo: install
@@ -26,6 +32,12 @@ lint: install
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports --no-cache --no-logo
 	$(BIN)/pyright
+
+# Renews the lock: the newest versions that pyproject.toml allows.
+lock:
+	rm -rf .venv
+	$(MAKE) install LOCK=/dev/null
+	$(BIN)/python -m pip freeze --exclude-editable >requirements.lock
 
 clean:
 	rm -rf .venv outputs scenes

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 from jax.experimental import multihost_utils
-from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
+from jax.sharding import AbstractMesh, AxisType, Mesh, NamedSharding, PartitionSpec
 from jaxtyping import ArrayLike
 
 from internal.errors import UserError, one_line
@@ -64,7 +64,7 @@ def data_mesh(batch_size: int, devices: Sequence[Any] | None = None) -> Mesh:
     )
 
 
-def batch_sharding(mesh: Mesh) -> NamedSharding:
+def batch_sharding(mesh: Mesh | AbstractMesh) -> NamedSharding:
     """Split over devices on the first axis."""
     return NamedSharding(mesh, PartitionSpec("data"))
 

@@ -3,8 +3,10 @@
 
 Poses are camera-to-world ``[n, 3, 4]`` in OpenGL convention: columns are the
 camera's right, up and backward axes and its centre, so the optical axis is minus
-the third column. Similarities are ``[4, 4]``, scale times rotation and translation.
+the third column.
 """
+
+import dataclasses
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +17,59 @@ WIDEST_AXIS = np.radians(45.0)
 WIDEST_RAY = np.radians(80.0)
 # Axes that differ by about 2 degrees or less do not meet at a point that is known.
 _PARALLEL = 1e-3
+
+
+@dataclasses.dataclass(frozen=True)
+class Similarity:
+    """Takes a point x to ``scale * rotation x + shift``, float64."""
+
+    scale: float  # of lengths; above 0
+    rotation: Float[np.ndarray, "3 3"]
+    shift: Float[np.ndarray, " 3"]
+
+    @classmethod
+    def about(
+        cls,
+        origin: Float[np.ndarray, " 3"],
+        scale: float,
+        rotation: Float[np.ndarray, "3 3"],
+    ) -> "Similarity":
+        """Moves ``origin`` to 0, then turns and scales."""
+        return cls(scale, rotation, -scale * rotation @ origin)
+
+    @property
+    def matrix(self) -> Float[np.ndarray, "4 4"]:
+        """For homogeneous coordinates."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.scale * self.rotation
+        matrix[:3, 3] = self.shift
+        return matrix
+
+    def inverse(self) -> "Similarity":
+        """The way back."""
+        rotation = self.rotation.T
+        return Similarity(
+            1.0 / self.scale, rotation, rotation @ -self.shift / self.scale
+        )
+
+    def __matmul__(self, first: "Similarity") -> "Similarity":
+        """``first``, then this."""
+        (shift,) = self.points(first.shift[None])
+        return Similarity(
+            self.scale * first.scale, self.rotation @ first.rotation, shift
+        )
+
+    def points(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
+        """Where points go."""
+        return self.scale * points @ self.rotation.T + self.shift
+
+    def poses(
+        self, camtoworlds: Float[np.ndarray, "n 3 4"]
+    ) -> Float[np.ndarray, "n 3 4"]:
+        """Where cameras go: centres as points do, axes only turn."""
+        centres = self.points(camtoworlds[:, :, 3])
+        axes = self.rotation @ camtoworlds[:, :, :3]
+        return np.concatenate([axes, centres[:, :, None]], axis=-1)
 
 
 def rotation_errors(camtoworlds: Float[np.ndarray, "n 3 4"]) -> Float[np.ndarray, " n"]:
@@ -71,7 +126,7 @@ def fits_one_frustum(
     """
     if (axis_angles(camtoworlds) + half_angles).max() >= np.pi / 2.0:
         return False
-    moved = transform_poses(forward_facing_frame(camtoworlds, near), camtoworlds)
+    moved = forward_facing_frame(camtoworlds, near).poses(camtoworlds)
     return bool(moved[:, 2, 3].min() > -1.0)
 
 
@@ -93,26 +148,24 @@ def is_forward_facing(
 
 def forward_facing_frame(
     camtoworlds: Float[np.ndarray, "n 3 4"], near: float
-) -> Float[np.ndarray, "4 4"]:
-    """Similarity from the world to the average camera's frame, scaled so that depth
-    0.75 ``near`` becomes 1: the scene is then safely beyond the near plane (LLFF)."""
+) -> Similarity:
+    """From the world to the average camera's frame, scaled so that depth 0.75
+    ``near`` becomes 1: the scene is then safely beyond the near plane (LLFF)."""
     pose = average_pose(camtoworlds)
-    return _similarity(1.0 / (0.75 * near), pose[:, :3].T, pose[:, 3])
+    return Similarity.about(pose[:, 3], 1.0 / (0.75 * near), pose[:, :3].T)
 
 
-def unbounded_frame(
-    camtoworlds: Float[np.ndarray, "n 3 4"],
-) -> Float[np.ndarray, "4 4"]:
-    """Similarity that moves the focus point to the origin and the farthest camera
-    to distance 1 from it; axes are kept."""
+def unbounded_frame(camtoworlds: Float[np.ndarray, "n 3 4"]) -> Similarity:
+    """Moves the focus point to the origin and the farthest camera to distance 1 from
+    it; axes are kept."""
     focus = focus_point(camtoworlds)
-    farthest = np.linalg.norm(camtoworlds[:, :, 3] - focus, axis=-1).max()
-    return _similarity(1.0 / farthest, np.eye(3), focus)
+    farthest = float(np.linalg.norm(camtoworlds[:, :, 3] - focus, axis=-1).max())
+    return Similarity.about(focus, 1.0 / farthest, np.eye(3))
 
 
 def fit_similarity(
     source: Float[np.ndarray, "n 3"], target: Float[np.ndarray, "n 3"]
-) -> Float[np.ndarray, "4 4"]:
+) -> Similarity:
     """Least-squares similarity from source to target points (Umeyama 1991).
 
     Needs three points that are not on a line.
@@ -122,43 +175,9 @@ def fit_similarity(
     covariance = (target - target_mean).T @ centred
     u, singular, vt = np.linalg.svd(covariance)
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    scale = (singular * signs).sum() / (centred**2).sum()
-    rotation = (u * signs) @ vt
-    similarity = _similarity(scale, rotation, source_mean)
-    similarity[:3, 3] += target_mean
-    return similarity
-
-
-def scale_of(similarity: Float[np.ndarray, "4 4"]) -> float:
-    """How many times longer a similarity makes distances."""
-    return float(np.cbrt(np.linalg.det(similarity[:3, :3])))
-
-
-def transform_points(
-    similarity: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "m 3"]
-) -> Float[np.ndarray, "m 3"]:
-    """Applies a similarity to points."""
-    return points @ similarity[:3, :3].T + similarity[:3, 3]
-
-
-def transform_poses(
-    similarity: Float[np.ndarray, "4 4"], camtoworlds: Float[np.ndarray, "n 3 4"]
-) -> Float[np.ndarray, "n 3 4"]:
-    """Applies a similarity to cameras: centres move and scale, axes only turn."""
-    moved = similarity[:3, :3] @ camtoworlds
-    moved[:, :, :3] /= scale_of(similarity)
-    moved[:, :, 3] += similarity[:3, 3]
-    return moved
-
-
-def _similarity(
-    scale: float, rotation: np.ndarray, origin: np.ndarray
-) -> Float[np.ndarray, "4 4"]:
-    """Moves ``origin`` to 0, then turns and scales."""
-    similarity = np.eye(4)
-    similarity[:3, :3] = scale * rotation
-    similarity[:3, 3] = -scale * rotation @ origin
-    return similarity
+    scale = float((singular * signs).sum() / (centred**2).sum())
+    about_mean = Similarity.about(source_mean, scale, (u * signs) @ vt)
+    return Similarity(1.0, np.eye(3), target_mean) @ about_mean
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:

@@ -35,7 +35,6 @@ from internal.export.sightings import (
 from internal.files import image_io
 from internal.models import Model
 from internal.parallel import data_mesh
-from internal.poses import transform_points
 from internal.rendering.surfaces import surface_points
 from internal.scene import colmap
 from internal.scene.config import SceneConfig
@@ -149,10 +148,9 @@ def ball_in(scene):
     """A ball where the cameras look, as the renderer and the field would see it."""
     ours = undistorted(scene)
     facing = isinstance(ours.space, ForwardFacing)
-    scale = np.cbrt(np.linalg.det(ours.model_from_world[:3, :3]))
-    middle = transform_points(
-        ours.model_from_world, np.array([[0.0, 0.0, -5.0] if facing else [1.0, 2, 3]])
-    )[0]
+    scale = ours.model_from_world.scale
+    target = np.array([0.0, 0.0, -5.0] if facing else [1.0, 2.0, 3.0])
+    (middle,) = ours.model_from_world.points(target[None])
     radius = 0.8 * scale
 
     def density(points):
@@ -192,10 +190,9 @@ def export_ball(scene, tmp_path_factory):
     between = look_around(between_views(ours), render)
     wanted = export_folder.Wanted(points=500, resolution=48, splats=400, look="both")
     facts = export_folder.write_all(folder, ours, sightings, between, density, wanted)
-    world = np.linalg.inv(ours.model_from_world)
-    scale = np.cbrt(np.linalg.det(world[:3, :3]))
-    centre = transform_points(world, middle[None])[0]
-    return folder, ours, facts, centre, radius * scale, sightings
+    world = ours.model_from_world.inverse()
+    (centre,) = world.points(middle[None])
+    return folder, ours, facts, centre, radius * world.scale, sightings
 
 
 def test_the_cloud_and_the_mesh_lie_on_the_ball_in_the_users_frame(exported):
@@ -393,10 +390,8 @@ def test_the_dataset_trains(exported, tmp_path):
 
 
 def in_world(scene):
-    return transform_points(
-        np.linalg.inv(scene.model_from_world),
-        np.asarray(scene.cameras.camtoworlds, np.float64)[:, :, 3],
-    )
+    centres = np.asarray(scene.cameras.camtoworlds, np.float64)[:, :, 3]
+    return scene.model_from_world.inverse().points(centres)
 
 
 def test_a_point_behind_a_surface_is_not_seen(scene):

@@ -14,7 +14,6 @@ from scipy import ndimage
 from internal import color
 from internal.errors import UserError
 from internal.files import color_profile, image_io, made_folder, raw, video
-from internal.poses import transform_poses
 from internal.prepare import (
     attempts,
     brighten,
@@ -109,17 +108,13 @@ def test_a_blurred_picture_is_less_sharp():
 
 @pytest.mark.parametrize("world", [facing_world(), surrounding_world()])
 def test_the_scene_frame_is_level_centred_and_blind_to_the_old_frame(world):
-    poses = transform_poses(
-        scene_frame(world.camtoworlds, world.points), world.camtoworlds
-    )
+    poses = scene_frame(world.camtoworlds, world.points).poses(world.camtoworlds)
     up = poses[:, :, 1].sum(axis=0)
     np.testing.assert_allclose(up / np.linalg.norm(up), [0.0, 0.0, 1.0], atol=1e-6)
     distances = np.linalg.norm(poses[:, :, 3], axis=-1)
     assert np.median(distances) == pytest.approx(DISTANCE)
     moved = world.moved(3.0, random_rotation(), np.array([5.0, -2.0, 1.0]))
-    again = transform_poses(
-        scene_frame(moved.camtoworlds, moved.points), moved.camtoworlds
-    )
+    again = scene_frame(moved.camtoworlds, moved.points).poses(moved.camtoworlds)
     np.testing.assert_allclose(
         distances, np.linalg.norm(again[:, :, 3], axis=-1), rtol=0.02
     )

@@ -125,7 +125,7 @@ class TestFrame:
 
     def test_no_point_lies_before_the_near_plane(self, tmp_path):
         scene = load(write_colmap(tmp_path, WORLD).parent)
-        points = poses.transform_points(scene.model_from_world, WORLD.points)
+        points = scene.model_from_world.points(WORLD.points)
         assert points[:, 2].max() < -1.0
 
     def test_surrounding(self, tmp_path, capsys):
@@ -136,11 +136,9 @@ class TestFrame:
         assert "contract (detected" in capsys.readouterr().out
         distances = np.linalg.norm(scene.cameras.camtoworlds[:, :, 3], axis=-1)
         assert distances.max() == pytest.approx(1.0)
-        focus = poses.transform_points(
-            scene.model_from_world, np.array([[1.0, 2.0, 3.0]])
-        )
+        focus = scene.model_from_world.points(np.array([[1.0, 2.0, 3.0]]))
         np.testing.assert_allclose(focus, 0.0, atol=1e-6)
-        scale = np.cbrt(np.linalg.det(scene.model_from_world[:3, :3]))
+        scale = scene.model_from_world.scale
         assert float(scene.space.near) == pytest.approx(scale * scene.near)
         assert float(scene.space.far) == pytest.approx(scale * scene.far)
         assert 2.9 < scene.near < 3.4 and 4.6 < scene.far < 5.2  # 4 -+ 0.5 * sqrt(3)
@@ -164,7 +162,9 @@ class TestFrame:
     def test_splits_share_frame_and_bounds(self, tmp_path):
         write_colmap(tmp_path, WORLD)
         train, test = (load(tmp_path, split) for split in ("train", "test"))
-        np.testing.assert_array_equal(train.model_from_world, test.model_from_world)
+        np.testing.assert_array_equal(
+            train.model_from_world.matrix, test.model_from_world.matrix
+        )
         assert (train.near, train.far) == (test.near, test.far)
         both = train.view_names + test.view_names
         assert sorted(both) == WORLD.names
@@ -172,7 +172,7 @@ class TestFrame:
     def test_model_from_world_moves_the_cameras(self, tmp_path):
         scene = load(write_colmap(tmp_path, surrounding_world()).parent, holdout=0)
         centres = surrounding_world().camtoworlds[:, :, 3]
-        moved = poses.transform_points(scene.model_from_world, centres)
+        moved = scene.model_from_world.points(centres)
         np.testing.assert_allclose(moved, scene.cameras.camtoworlds[:, :, 3], atol=1e-6)
 
 
@@ -309,12 +309,12 @@ class TestPoses:
             WORLD.camtoworlds[:, :, 3], world.camtoworlds[:, :, 3]
         )
         np.testing.assert_allclose(
-            poses.transform_poses(fitted, WORLD.camtoworlds),
+            fitted.poses(WORLD.camtoworlds),
             world.camtoworlds,
             atol=1e-8 * max(scale, 1.0),
         )
         np.testing.assert_allclose(
-            poses.transform_points(fitted, WORLD.points),
+            fitted.points(WORLD.points),
             world.points,
             atol=1e-7 * max(scale, 1.0),
         )
@@ -322,7 +322,7 @@ class TestPoses:
     def test_fit_similarity_never_mirrors(self):
         points = WORLD.points[:20]
         fitted = poses.fit_similarity(points, points * [-1.0, 1.0, 1.0])
-        assert np.linalg.det(fitted[:3, :3]) > 0.0
+        assert np.linalg.det(fitted.rotation) > 0.0
 
     def test_focus_is_where_the_axes_meet(self):
         target = np.array([0.3, -0.2, -5.0])

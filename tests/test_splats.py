@@ -21,7 +21,7 @@ from internal.export.splats import (
     project,
     rotations,
 )
-from internal.poses import transform_points
+from internal.poses import Similarity
 
 CAMERA = Pinhole(
     np.float32([[1, 0, 0, 0.1], [0, 0, -1, -0.2], [0, 1, 0, 0.3]]),  # looks along +y
@@ -234,15 +234,8 @@ def test_a_glb_of_splats_follows_khr_gaussian_splatting(tmp_path, degree):
 def test_splats_in_another_frame_look_the_same_from_the_same_place():
     splats = some_splats()
     rotation = Rotation.from_rotvec([0.5, -0.8, 0.3]).as_matrix()
-    similarity = np.eye(4)
-    similarity[:3] = np.concatenate([2.5 * rotation, [[1.0], [-2.0], [0.5]]], axis=1)
-    moved = np.concatenate(
-        [
-            rotation @ CAMERA.camtoworld[:, :3],
-            transform_points(similarity, CAMERA.camtoworld[None, :, 3]).T,
-        ],
-        axis=1,
-    )
+    similarity = Similarity(2.5, rotation, np.array([1.0, -2.0, 0.5]))
+    (moved,) = similarity.poses(CAMERA.camtoworld[None])
     camera = CAMERA.replace(camtoworld=np.float32(moved), near=np.float32(0.5))
     expected, _ = rasterizer.render(splats, CAMERA)
     found, _ = rasterizer.render(carry_over(splats, similarity), camera)

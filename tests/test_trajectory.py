@@ -9,7 +9,6 @@ import pytest
 from internal.configs import RenderConfig
 from internal.coord import Unbounded
 from internal.errors import UserError
-from internal.poses import transform_poses
 from internal.rendering import paths
 from internal.rendering.trajectory import path_cameras
 from internal.scene.config import SceneConfig
@@ -36,10 +35,10 @@ def test_a_path_has_its_frames_and_the_lens_of_the_scene(scene, path):
 
 
 def test_a_file_holds_poses_in_the_frame_of_the_pose_file(scene, tmp_path):
-    world_from_model = np.linalg.inv(scene.model_from_world)
+    world_from_model = scene.model_from_world.inverse()
     model_poses = np.asarray(scene.cameras.camtoworlds, np.float64)
     file = tmp_path / "path.json"
-    paths.to_json(file, transform_poses(world_from_model, model_poses), fps=24)
+    paths.to_json(file, world_from_model.poses(model_poses), fps=24)
     cameras = path_cameras(scene, dataclasses.replace(RENDER, path=str(file)))
     np.testing.assert_allclose(cameras.camtoworlds, model_poses, atol=1e-5)
 

@@ -7,6 +7,7 @@ test_browser.py.
 
 import contextlib
 import dataclasses
+import gc
 import json
 import types
 
@@ -39,6 +40,7 @@ from internal.structs import LitRendering
 from internal.viewer import takes
 from internal.viewer.canvas import PHOTO, Choice, draw, photo_through
 from internal.viewer.free_camera import PIXELS, FreeCamera, single_camera, vertical_fov
+from internal.viewer.gate import Gate, fits
 from internal.viewer.inquiry import Inquiry
 from internal.viewer.jobs import Job, Speedometer, Task
 from internal.viewer.panel import is_double
@@ -484,35 +486,105 @@ def server(studio, tmp_path):
     running.close()
 
 
-@pytest.mark.parametrize(
-    "broken",
-    [
-        b"no message",
-        browser_message(wxyz=[0.0, 0, 0, 0]),
-        browser_message(position=[np.nan] * 3),
-        browser_message(image_height=0),
-        browser_message(fov=-1.0, image_width=10**9),
-    ],
-    ids=["garbage", "no rotation", "nowhere", "no window", "absurd window"],
-)
-def test_a_broken_request_ends_nothing(studio, server, broken):
-    address = server.address.replace("http", "ws")
+def message(kind, **fields):
+    return msgspec.msgpack.encode({"type": kind, **fields})
+
+
+@contextlib.contextmanager
+def connected(server, **options):
+    """A page of the viewer, without a browser."""
     protocol = websockets.Subprotocol(f"viser-v{viser.__version__}")
+    address = server.address.replace("http", "ws")
+    with (
+        contextlib.suppress(websockets.ConnectionClosed),
+        websockets.sync.client.connect(
+            address, subprotocols=[protocol], max_size=None, **options
+        ) as socket,
+    ):
+        yield socket
 
-    def connected():
-        return websockets.sync.client.connect(
-            address, subprotocols=[protocol], max_size=None
+
+BROKEN = (
+    b"no message",
+    "text",
+    message("NoSuchMessage"),
+    message("GuiFormSubmitMessage"),
+    message("SceneNodeClickMessage", name=[], owner=7),
+    browser_message(wxyz=[0.0, 0, 0, 0]),
+    browser_message(wxyz=["x"] * 4),
+    browser_message(position=[np.nan] * 3),
+    browser_message(position=[1e300, 0, 0]),
+    browser_message(up_direction=[0.0]),
+    browser_message(image_height=0),
+    browser_message(fov=-1.0, image_width=10**9),
+)
+
+
+def test_broken_requests_end_nothing_and_print_no_traceback(
+    studio, server, capfd, caplog
+):
+    with connected(server) as other:
+        for place, broken in enumerate(BROKEN):
+            with connected(server) as socket:
+                socket.send(broken)  # before its page is opened, and after
+                socket.send(browser_message())
+                socket.send(broken)
+                studio.edits.clear()
+                other.send(browser_message(position=[0.1 * place, 0.0, 0.0]))
+                until(lambda: studio.edits, "a picture for another")
+    gc.collect()  # asyncio tells of a task's error when the task is forgotten
+    printed = "".join(capfd.readouterr())
+    assert "Traceback" not in printed and "rror:" not in printed
+    assert "a page was sent away: " in printed and not caplog.records
+
+
+def test_a_page_of_another_origin_is_sent_away(studio, server):
+    def first_answer(origin):
+        with connected(server, origin=websockets.Origin(origin)) as socket:
+            socket.send(browser_message())
+            return socket.recv(10.0)
+
+    assert first_answer("http://elsewhere") is None
+    assert first_answer(server.address) is not None
+
+
+@pytest.fixture
+def controls():
+    """What handles say of the controls they stand for."""
+
+    def control(kind, value, **properties):
+        handle = kind.__new__(kind)
+        vars(handle)["_impl"] = types.SimpleNamespace(
+            value=value, props=types.SimpleNamespace(**properties), removed=False
         )
+        return handle
 
-    with connected() as socket, connected() as other:
-        socket.send(broken)
-        other.send(browser_message())
-        until(lambda: studio.edits, "a picture for another page")
-        with contextlib.suppress(websockets.ConnectionClosed):  # of that one alone
-            socket.send(broken)
-        rendered = len(studio.edits)
-        other.send(browser_message(position=[0.1, 0.0, 0.0]))
-        until(lambda: len(studio.edits) > rendered, "one after it moved")
+    return {
+        "slider": control(viser.GuiSliderHandle, 0.5, min=-1.0, max=2.0),
+        "choice": control(viser.GuiDropdownHandle, "a", options=("a", "b")),
+        "mark": control(viser.GuiCheckboxHandle, True),
+        "name": control(viser.GuiTextHandle, "path"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "good", "bad"),
+    [
+        ("slider", [1, -1.0, 2.0], [2.1, -5, True, "1", [1.0], None]),
+        ("choice", ["b"], ["c", 0, ["a"], None]),
+        ("mark", [False], [1, "no", None]),
+        ("name", ["x", "../x"], [b"x", 5, None]),
+    ],
+)
+def test_a_control_takes_what_its_page_can_send(name, good, bad, controls):
+    assert all(fits(controls[name], value) for value in good)
+    assert not any(fits(controls[name], value) for value in bad)
+    assert not any(fits(None, value) for value in good)
+
+
+def test_no_message_puts_the_viewer_on_the_internet(server):
+    asked = viser._messages.ShareUrlRequest()
+    assert not Gate(server._server)._is_sound(0, asked)
 
 
 def test_a_path_is_saved_in_the_frame_of_the_pose_file(scene, tmp_path):

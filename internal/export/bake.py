@@ -9,8 +9,7 @@ positions, sizes, opacities and colours, by Adam on the squared error of sRGB.
 """
 
 import dataclasses
-import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -20,7 +19,7 @@ import optax
 from jax import Array
 from jaxtyping import Float, Int
 
-from internal import poses, progress
+from internal import progress
 from internal.export import rasterizer
 from internal.export.density import Density, normals
 from internal.export.sightings import Sighting
@@ -116,8 +115,7 @@ def place(
 
 def targets_of(scene: Scene, sightings: Sequence[Sighting], look: str) -> list[Target]:
     """What splats shall look like from where the field was rendered."""
-    scale = poses.scale_of(scene.model_from_world)
-    near = NEAREST * scene.near * scale
+    near = NEAREST * scene.near * scene.model_from_world.scale
     return [
         Target(
             pinhole_camera(sighting.lens, sighting.camtoworld, near),
@@ -245,26 +243,10 @@ def fit(
     """
     start = jax.tree.map(jnp.asarray, splats)
     sizes = jnp.exp(start.log_scales.max(axis=-1, keepdims=True))
-    optimizer = optax.chain(
-        optax.scale_by_adam(0.9, 0.99, eps=1e-15),
-        optax.scale_by_schedule(optax.cosine_decay_schedule(1.0, steps, LAST_RATE)),
-    )
+    optimizer = optimizer_of_fit(steps)
     fitted = {name: getattr(start, name) for name in rates}
     state = optimizer.init(fitted)
-
-    @functools.partial(jax.jit, donate_argnums=2)
-    def improve(
-        fitted: Fitted, slopes: Fitted, state: optax.OptState
-    ) -> tuple[Fitted, optax.OptState]:
-        direction: Any
-        direction, state = optimizer.update(slopes, state)
-        steps = {name: rate * direction[name] for name, rate in rates.items()}
-        if "points" in steps:
-            steps["points"] = sizes * steps["points"]
-        fitted = {name: fitted[name] - steps[name] for name in rates}
-        base = jnp.clip(fitted["harmonics"][:, :1], -0.5 / SH0, 0.5 / SH0)
-        fitted["harmonics"] = fitted["harmonics"].at[:, :1].set(base)
-        return fitted, state
+    improve = jax.jit(improvement(optimizer, rates, sizes), donate_argnums=2)
 
     rng = np.random.default_rng(seed)
     for view in views_in_turn(rng, len(targets), steps):
@@ -281,6 +263,41 @@ def fit(
 def without_faint(splats: Splats) -> Splats:
     """Those that fitting left with a part in the pictures; NumPy arrays."""
     return take(splats, np.asarray(splats.opacities) > LEAST_OPACITY)
+
+
+def optimizer_of_fit(steps: int) -> optax.GradientTransformation:
+    """Adam, in units of the rates, which sink to ``LAST_RATE`` of themselves."""
+    return optax.chain(
+        optax.scale_by_adam(0.9, 0.99, eps=1e-15),
+        optax.scale_by_schedule(optax.cosine_decay_schedule(1.0, steps, LAST_RATE)),
+    )
+
+
+def improvement(
+    optimizer: optax.GradientTransformation,
+    rates: dict[str, float],
+    sizes: Float[Array, "n 1"],
+) -> Callable[[Fitted, Fitted, optax.OptState], tuple[Fitted, optax.OptState]]:
+    """A step of the fit, from what is fitted, its gradients and the optimiser's state.
+
+    Args:
+        sizes: of the splats; points move in units of them.
+    """
+
+    def improve(
+        fitted: Fitted, slopes: Fitted, state: optax.OptState
+    ) -> tuple[Fitted, optax.OptState]:
+        direction: Any
+        direction, state = optimizer.update(slopes, state)
+        steps = {name: rate * direction[name] for name, rate in rates.items()}
+        if "points" in steps:
+            steps["points"] = sizes * steps["points"]
+        fitted = {name: fitted[name] - steps[name] for name in rates}
+        base = jnp.clip(fitted["harmonics"][:, :1], -0.5 / SH0, 0.5 / SH0)
+        fitted["harmonics"] = fitted["harmonics"].at[:, :1].set(base)
+        return fitted, state
+
+    return improve
 
 
 def views_in_turn(rng: np.random.Generator, views: int, steps: int) -> list[int]:

@@ -12,7 +12,6 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from jaxtyping import Float
 
-from internal import poses
 from internal.errors import UserError
 from internal.export import shapes, splat_files
 from internal.export.bake import bake
@@ -60,15 +59,13 @@ def write_all(
     Raises:
         UserError: no view ends on a surface.
     """
-    world_from_model = np.linalg.inv(scene.model_from_world)
+    world_from_model = scene.model_from_world.inverse()
+    in_world = world_from_model.points
     cloud = find_cloud(scene, sightings, density, wanted.points)
     mesh = find_mesh(scene, sightings, density, cloud.points, wanted.resolution)
 
-    def in_world(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        return poses.transform_points(world_from_model, points)
-
-    rotation = world_from_model[:3, :3] / poses.scale_of(world_from_model)
-    cloud = Cloud(in_world(cloud.points), cloud.normals @ rotation.T, cloud.colors)
+    outwards = cloud.normals @ world_from_model.rotation.T
+    cloud = Cloud(in_world(cloud.points), outwards, cloud.colors)
     mesh = dataclasses.replace(mesh, vertices=in_world(mesh.vertices))
     shapes.write_cloud(folder / "points.ply", cloud)
     for name in ("mesh.ply", "mesh.glb"):
@@ -95,7 +92,7 @@ def write_all(
     camtoworlds = np.asarray(scene.cameras.camtoworlds, np.float64)
     model = colmap.Reconstruction(
         names, scene.lenses,
-        poses.transform_poses(world_from_model, camtoworlds), cloud.points[some],
+        world_from_model.poses(camtoworlds), cloud.points[some],
     )  # fmt: skip
     (folder / "dataset").mkdir()
     pictures = [sighting.srgb for sighting in sightings]

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from internal.cameras import Lens
-from internal.poses import scale_of, transform_points
+from internal.poses import Similarity
 
 SH0 = 0.28209479177387814  # 1 / (2 sqrt(pi))
 SH1 = 0.4886025119029199  # sqrt(3 / (4 pi))
@@ -160,10 +160,9 @@ def project(splats: Splats, camera: Pinhole) -> Footprints:
     )
 
 
-def carry_over(splats: Splats, similarity: Float[np.ndarray, "4 4"]) -> Splats:
+def carry_over(splats: Splats, similarity: Similarity) -> Splats:
     """The same splats in another frame; NumPy arrays."""
-    scale = scale_of(similarity)
-    rotation = Rotation.from_matrix(similarity[:3, :3] / scale)
+    rotation = Rotation.from_matrix(similarity.rotation)
     turned = rotation * Rotation.from_quat(splats.quaternions, scalar_first=True)
     harmonics = np.array(splats.harmonics, np.float32)
     if harmonics.shape[1] > 1:
@@ -172,11 +171,11 @@ def carry_over(splats: Splats, similarity: Float[np.ndarray, "4 4"]) -> Splats:
         vectors = np.stack([-x, -y, z], axis=-2)
         x, y, z = np.moveaxis(rotation.as_matrix() @ vectors, -2, 0)
         harmonics[:, 1:4] = np.stack([-y, z, -x], axis=1)
-    points = transform_points(similarity, np.asarray(splats.points, np.float64))
+    points = similarity.points(np.asarray(splats.points, np.float64))
     return Splats(
         points.astype(np.float32),
         turned.as_quat(canonical=True, scalar_first=True).astype(np.float32),
-        np.asarray(splats.log_scales + np.float32(np.log(scale))),
+        np.asarray(splats.log_scales + np.float32(np.log(similarity.scale))),
         np.asarray(splats.opacity_logits),
         harmonics,
     )

@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from internal import progress
 from internal.cameras import Lens
+from internal.poses import Similarity
 from internal.prepare.matching import MAX_FEATURES, SEED, copy_name, view_of
 from internal.prepare.room import room
 from internal.scene import colmap
@@ -150,7 +151,7 @@ def write_model(
     folder: Path,
     names: Sequence[str],
     sizes: Sequence[tuple[int, int]],
-    similarity: Float[np.ndarray, "4 4"],
+    similarity: Similarity,
 ) -> None:
     """Writes the model in COLMAP's binary format, for the photos themselves.
 
@@ -172,7 +173,7 @@ def write_model(
         image.name = names[view]
     for camera_id, (width, height) in sizes_by_camera.items():
         reconstruction.camera(camera_id).rescale(width, height)
-    reconstruction.transform(pycolmap.Sim3d(similarity[:3]))
+    reconstruction.transform(pycolmap.Sim3d(similarity.matrix[:3]))
     folder.mkdir(parents=True, exist_ok=True)
     with room(folder, len(names) * MAX_FEATURES * BYTES_PER_FEATURE):
         reconstruction.write_binary(str(folder))

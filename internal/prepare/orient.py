@@ -7,6 +7,8 @@ Structure-from-motion knows neither up nor metres. Poses are OpenGL camera-to-wo
 import numpy as np
 from jaxtyping import Float
 
+from internal.poses import Similarity
+
 # Median distance from the cameras to the scene's middle, as in LOM and instant-ngp.
 DISTANCE = 4.0
 _TURNED_AWAY = 1e-6  # length of a mean axis that says nothing
@@ -14,7 +16,7 @@ _TURNED_AWAY = 1e-6  # length of a mean axis that says nothing
 
 def scene_frame(
     camtoworlds: Float[np.ndarray, "n 3 4"], points: Float[np.ndarray, "m 3"]
-) -> Float[np.ndarray, "4 4"]:
+) -> Similarity:
     """Similarity that levels, centres and scales a scene.
 
     Up (z) is the mean up axis of the cameras, y where they look on the whole; the
@@ -30,10 +32,7 @@ def scene_frame(
     origin = np.median(points, axis=0)
     distances = np.linalg.norm(camtoworlds[:, :, 3] - origin, axis=-1)
     scale = DISTANCE / float(np.median(distances))
-    similarity = np.eye(4)
-    similarity[:3, :3] = scale * rotation
-    similarity[:3, 3] = -scale * rotation @ origin
-    return similarity
+    return Similarity.about(origin, scale, rotation)
 
 
 def _any_across(axis: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:

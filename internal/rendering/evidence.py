@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
-from internal import poses
 from internal.cameras import Cameras, Lens
 from internal.configs import ModelConfig
 from internal.coord import ForwardFacing, Unbounded
@@ -165,7 +164,7 @@ def gather(
     Args:
         factor: how many pixels of a photo's side are one of the scene's.
     """
-    far = poses.scale_of(scene.model_from_world) * scene.far
+    far = scene.model_from_world.scale * scene.far
     camtoworlds = np.asarray(scene.cameras.camtoworlds, np.float64)
     masks = [scene.mask(view) for view in range(len(camtoworlds))]
     asked = zip(witness_lenses(scene), camtoworlds, renderings, masks, strict=True)

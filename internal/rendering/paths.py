@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from internal.errors import UserError
 from internal.files.atomic import writing
-from internal.poses import focus_point
+from internal.poses import average_pose, focus_point
 
 FEWEST_AROUND = 8  # views: fewer say nothing about what lies between them
 CLOSE = 0.5
@@ -59,7 +59,7 @@ def spiral(
         n: number of poses; the one after the last would be the first.
         turns: rounds in the picture plane during one swing forth and back.
     """
-    mean = _mean_pose(camtoworlds)
+    mean = average_pose(camtoworlds)
     rotation, centre = mean[:, :3], mean[:, 3]
     offsets = (camtoworlds[:, :, 3] - centre) @ rotation
     radii = radius_scale * np.percentile(np.abs(offsets), radius_percentile, axis=0)
@@ -233,15 +233,6 @@ def to_json(
 def _focus_depth(near: float, far: float) -> float:
     """LLFF's depth of interest: a quarter of the way in 1 / depth from far to near."""
     return 1.0 / (0.25 / near + 0.75 / far)
-
-
-def _mean_pose(
-    camtoworlds: Float[np.ndarray, "views 3 4"],
-) -> Float[np.ndarray, "3 4"]:
-    """At the mean position, looking the mean way, upright as the mean camera."""
-    centre = camtoworlds[:, :, 3].mean(axis=0)
-    back, up = camtoworlds[:, :, 2].mean(axis=0), camtoworlds[:, :, 1].mean(axis=0)
-    return _look_at(centre[None], centre - back, up)[0]
 
 
 def _upwards(camtoworlds: Float[np.ndarray, "views 3 4"]) -> Float[np.ndarray, " 3"]:

@@ -9,7 +9,6 @@ import numpy as np
 from internal.cameras import Cameras
 from internal.configs import RenderConfig
 from internal.coord import ForwardFacing
-from internal.poses import scale_of, transform_poses
 from internal.rendering import paths
 from internal.scene.scene import Scene
 
@@ -23,7 +22,7 @@ def path_cameras(scene: Scene, render: RenderConfig) -> Cameras:
         UserError: the path is no known name and no readable JSON file.
     """
     camtoworlds = np.asarray(scene.cameras.camtoworlds, np.float64)
-    scale = scale_of(scene.model_from_world)
+    scale = scene.model_from_world.scale
     path = render.path
     if path == "auto":
         path = "spiral" if isinstance(scene.space, ForwardFacing) else "around"
@@ -37,7 +36,6 @@ def path_cameras(scene: Scene, render: RenderConfig) -> Cameras:
     elif path == "views":
         poses = paths.along_views(camtoworlds, render.frames)
     else:
-        in_world = paths.from_json(Path(path))
-        poses = transform_poses(scene.model_from_world, in_world)
+        poses = scene.model_from_world.poses(paths.from_json(Path(path)))
     first = scene.cameras.take(np.zeros(len(poses), np.int32))
     return dataclasses.replace(first, camtoworlds=poses.astype(np.float32))

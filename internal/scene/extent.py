@@ -43,7 +43,7 @@ class Frame:
     """The frame a model is trained in."""
 
     space: ForwardFacing | Unbounded
-    model_from_world: Float[np.ndarray, "4 4"]
+    model_from_world: poses.Similarity
     reason: str  # for messages
 
 
@@ -196,6 +196,6 @@ def _unbounded(files: SceneFiles, bounds: Bounds, reason: str) -> Frame:
             "be seen; take photos from different places"
         )
     model_from_world = poses.unbounded_frame(files.camtoworlds)
-    scale = model_from_world[0, 0]
+    scale = model_from_world.scale
     space = Unbounded(jnp.float32(bounds.near * scale), jnp.float32(bounds.far * scale))
     return Frame(space, model_from_world, f"contract ({reason})")

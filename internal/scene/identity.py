@@ -49,7 +49,7 @@ def identify(
     return {
         "space": [type(frame.space).__name__, *map(float, sizes)],
         "bounds": [float(bounds.near), float(bounds.far)],
-        "model_from_world": np.ravel(frame.model_from_world).tolist(),
+        "model_from_world": np.ravel(frame.model_from_world.matrix).tolist(),
         "views": views,
     }
 

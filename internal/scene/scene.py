@@ -20,7 +20,7 @@ from internal.cameras import NODES, Cameras, Lens
 from internal.coord import ForwardFacing, Unbounded
 from internal.errors import UserError
 from internal.files.picture_store import Picture, hold
-from internal.poses import transform_poses
+from internal.poses import Similarity
 from internal.scene import readers
 from internal.scene.colmap import lens_table
 from internal.scene.config import SceneConfig
@@ -74,7 +74,7 @@ class Scene:
     space: ForwardFacing | Unbounded
     near: float  # depth, in the pose file's units
     far: float
-    model_from_world: Float[np.ndarray, "4 4"]  # similarity: pose file to model
+    model_from_world: Similarity  # from the frame of the pose file
     upright: bool  # ``images`` are the files turned by EXIF, else as stored
     identity: Identity  # of all views, whatever the split
 
@@ -212,7 +212,7 @@ def _load(
         else everything(layout.lenses[view].width, layout.lenses[view].height)
         for view in views
     }
-    camtoworlds = transform_poses(frame.model_from_world, files.camtoworlds[views])
+    camtoworlds = frame.model_from_world.poses(files.camtoworlds[views])
     photos = (
         load_picture(
             files.image_paths[view],

@@ -18,6 +18,7 @@ import optax
 from flax import struct
 from jax import Array
 from jax.lax import stop_gradient
+from jax.sharding import AbstractMesh, Mesh
 from jaxtyping import Float, PRNGKeyArray
 
 from internal import color, losses, parallel, stepfun
@@ -202,7 +203,7 @@ def apply_if_finite(
 def make_train_step(
     config: Config,
     model: Model,
-    mesh: jax.sharding.Mesh,
+    mesh: Mesh | AbstractMesh,
     brightness: float,
     observe: noise.Observation = noise.ideal_photo,
 ) -> Callable[[TrainState, Cameras, Space, PixelSource], tuple[TrainState, StepStats]]:
@@ -214,6 +215,8 @@ def make_train_step(
     save memory.
 
     Args:
+        mesh: the devices, or how many there would be, for a program that is only
+            lowered.
         brightness: mean of the training photos, sRGB.
         observe: what photos show of a colour on average.
     """

@@ -14,6 +14,7 @@ import viser
 from internal.configs import Config
 from internal.errors import UserError, one_line
 from internal.viewer.baking import Bakery
+from internal.viewer.gate import Gate
 from internal.viewer.panel import Panel
 from internal.viewer.session import Session
 from internal.viewer.studio import Studio
@@ -40,6 +41,7 @@ class Server:
         self._lock = threading.Lock()
         self._closed = threading.Event()
         self._server = viser.ViserServer(host, port, label="LLNeRF", verbose=False)
+        Gate(self._server)
         self.address = f"http://{host}:{self._server.get_port()}"
         self._set_the_stage()
         self._server.on_client_connect(self._open)
@@ -82,7 +84,11 @@ class Server:
         session = Session(self._studio, lambda f: panel.show(f), lambda t: panel.say(t))
         folder = Path(self._config.checkpoint_dir) / "view"
         render, bakery = self._config.render, self._bakery
-        panel = Panel(client, self._studio, session, render, folder, bakery)
+        try:
+            panel = Panel(client, self._studio, session, render, folder, bakery)
+        except Exception as error:  # it left meanwhile
+            print(f"a page was not opened: {one_line(error)}", flush=True)
+            return
         with self._lock:
             if client.client_id in self._gone:
                 self._gone.remove(client.client_id)

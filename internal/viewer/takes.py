@@ -16,7 +16,6 @@ from internal.enhancements.look import Look
 from internal.errors import UserError
 from internal.files import image_io
 from internal.files.atomic import ensure_folder
-from internal.poses import transform_poses
 from internal.rendering import paths
 from internal.rendering.pictures import Picture
 from internal.scene.scene import Scene
@@ -85,8 +84,8 @@ def write_path(
 
 def in_world(scene: Scene, camtoworlds: Poses) -> Poses:
     """Poses of the model's frame in the frame of the scene's pose file."""
-    world_from_model = np.linalg.inv(scene.model_from_world)
-    return transform_poses(world_from_model, np.asarray(camtoworlds, np.float64))
+    world_from_model = scene.model_from_world.inverse()
+    return world_from_model.poses(np.asarray(camtoworlds, np.float64))
 
 
 def smoothed(keyframes: Poses) -> Poses:

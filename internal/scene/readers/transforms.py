@@ -513,14 +513,14 @@ def _sparse_points(
         print(f"warning: {folder}: fewer than 3 images have poses; points not used")
         return nothing
     similarity = poses.fit_similarity(source[:, :, 3], target[:, :, 3])
-    error = np.abs(poses.transform_poses(similarity, source) - target)
+    error = np.abs(similarity.poses(source) - target)
     spread = np.linalg.norm(np.std(target[:, :, 3], axis=0))
     if error[:, :, 3].max() > WORST_FIT * spread or error[:, :, :3].max() > WORST_AXES:
         print(
             f"warning: {folder}: its cameras are not those of the JSON; points not used"
         )
         return nothing
-    return poses.transform_points(similarity, model.points)
+    return similarity.points(model.points)
 
 
 BLENDER = Reader(
