@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax
 import pytest
 
 import eval as eval_script
@@ -114,6 +115,29 @@ def test_divergence_exits_with_one_and_an_interrupt_with_130(monkeypatch, capsys
     assert exit_code(diverge, [], monkeypatch) == 1
     assert "step 7" in capsys.readouterr().err
     assert exit_code(interrupt, [], monkeypatch) == 130
+
+
+XLA = jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory\nallocating 9")
+
+
+@pytest.mark.parametrize("error", [MemoryError(), MemoryError("of NumPy"), XLA])
+def test_too_little_memory_is_one_line_that_says_what_to_lower(
+    error, monkeypatch, capsys
+):
+    def run_out(argv):
+        raise error
+
+    code = exit_code(run_out, [], monkeypatch)
+    assert_one_line(code, "lower Train.batch_size to train, Render.chunk", capsys)
+
+
+def test_an_error_of_ours_is_not_called_memory(monkeypatch):
+    def fail(argv):
+        raise RuntimeError("INTERNAL: a bug")
+
+    monkeypatch.setattr(sys, "argv", ["script"])
+    with pytest.raises(RuntimeError, match="a bug"):
+        script.run(fail)
 
 
 def test_a_light_edit_out_of_range_is_refused(night_run, monkeypatch, capsys):

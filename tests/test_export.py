@@ -28,7 +28,12 @@ from internal.errors import UserError
 from internal.export import bake, shapes, splat_files
 from internal.export import folder as export_folder
 from internal.export.density import from_field_space, normals, to_field_space
-from internal.export.sightings import mean_colors
+from internal.export.sightings import (
+    between_views,
+    look_around,
+    mean_colors,
+    undistorted,
+)
 from internal.files import image_io
 from internal.models import Model
 from internal.parallel import data_mesh
@@ -148,7 +153,7 @@ def scene(request, tmp_path_factory):
 
 def ball_in(scene):
     """A ball where the cameras look, as the renderer and the field would see it."""
-    ours = export_folder.undistorted(scene)
+    ours = undistorted(scene)
     facing = isinstance(ours.space, ForwardFacing)
     scale = ours.model_from_world.scale
     target = np.array([0.0, 0.0, -5.0] if facing else [1.0, 2.0, 3.0])
@@ -188,8 +193,8 @@ def exported(scene, tmp_path_factory):
 def export_ball(scene, tmp_path_factory):
     ours, density, render, middle, radius = ball_in(scene)
     folder = tmp_path_factory.mktemp("export")
-    sightings = export_folder.look_around(ours, render)
-    between = export_folder.look_around(export_folder.between_views(ours), render)
+    sightings = look_around(ours, render)
+    between = look_around(between_views(ours), render)
     wanted = export_folder.Wanted(points=500, resolution=48, splats=400, look="both")
     facts = export_folder.write_all(folder, ours, sightings, between, density, wanted)
     world = ours.model_from_world.inverse()
@@ -280,8 +285,8 @@ def test_a_disk_that_fills_up_leaves_no_part_of_a_file(tmp_path, write):
 
 
 def test_between_two_views_is_half_way(scene):
-    ours = export_folder.undistorted(scene)
-    between = export_folder.between_views(ours)
+    ours = undistorted(scene)
+    between = between_views(ours)
     centres = np.asarray(ours.cameras.camtoworlds)[:, :, 3]
     assert len(between.lenses) == len(between.cameras)
     assert len(between.cameras) > 0 or isinstance(ours.space, Unbounded)
@@ -294,7 +299,7 @@ def test_between_two_views_is_half_way(scene):
 
 
 def test_views_back_to_back_have_nothing_between_them(scene):
-    ours = export_folder.undistorted(scene)
+    ours = undistorted(scene)
     cameras = ours.cameras.take(np.array([0, 0]))
     turned = np.array(cameras.camtoworlds)
     turned[1, :, [0, 2]] *= -1.0
@@ -303,7 +308,7 @@ def test_views_back_to_back_have_nothing_between_them(scene):
         lenses=ours.lenses[:2],
         cameras=dataclasses.replace(cameras, camtoworlds=turned),
     )
-    assert len(export_folder.between_views(pair).cameras) == 0
+    assert len(between_views(pair).cameras) == 0
 
 
 def test_normals_of_the_cloud_are_those_of_the_ball(exported):
@@ -398,7 +403,7 @@ def in_world(scene):
 
 def test_a_point_behind_a_surface_is_not_seen(scene):
     ours, _, render, middle, _ = ball_in(scene)
-    sightings = export_folder.look_around(ours, render)
+    sightings = look_around(ours, render)
     counts, _ = mean_colors(middle[None], sightings)
     assert counts[0] == 0
 
@@ -410,7 +415,7 @@ def test_a_model_without_a_surface_is_refused(scene, tmp_path):
         rendering = render(camera)
         return dataclasses.replace(rendering, depth=rendering.depth * 0 + 1e3)
 
-    sightings = export_folder.look_around(ours, see_nothing)
+    sightings = look_around(ours, see_nothing)
     with pytest.raises(UserError, match="knows no shape yet"):
         wanted = export_folder.Wanted(points=10, resolution=8)
         export_folder.write_all(tmp_path, ours, sightings, [], density, wanted)

@@ -563,38 +563,25 @@ def test_a_page_of_another_origin_is_sent_away(studio, server):
     assert first_answer(server.address) is not None
 
 
-@pytest.fixture
-def controls():
-    """What handles say of the controls they stand for."""
-
-    def control(kind, value, **properties):
-        handle = kind.__new__(kind)
-        vars(handle)["_impl"] = types.SimpleNamespace(
-            value=value, props=types.SimpleNamespace(**properties), removed=False
-        )
-        return handle
-
-    return {
-        "slider": control(viser.GuiSliderHandle, 0.5, min=-1.0, max=2.0),
-        "choice": control(viser.GuiDropdownHandle, "a", options=("a", "b")),
-        "mark": control(viser.GuiCheckboxHandle, True),
-        "name": control(viser.GuiTextHandle, "path"),
+def test_a_control_takes_what_its_page_can_send(server):
+    wanted = {
+        "Exposure": ([1, -4.0, 0.1], [4.1, -1e300, True, "1", [1.0], None]),
+        "Frames": ([2, 9], [1, 10**9, "9", None]),
+        "Pixels": (list(PIXELS), ["1 x 1", 0, ["200 x 150"], None]),
+        "Show photos": ([False], [1, "no", None]),
+        "Name": (["x", "../x"], [b"x", 5, None]),
+        "Snapshot": ([True, None], []),
     }
-
-
-@pytest.mark.parametrize(
-    ("name", "good", "bad"),
-    [
-        ("slider", [1, -1.0, 2.0], [2.1, -5, True, "1", [1.0], None]),
-        ("choice", ["b"], ["c", 0, ["a"], None]),
-        ("mark", [False], [1, "no", None]),
-        ("name", ["x", "../x"], [b"x", 5, None]),
-    ],
-)
-def test_a_control_takes_what_its_page_can_send(name, good, bad, controls):
-    assert all(fits(controls[name], value) for value in good)
-    assert not any(fits(controls[name], value) for value in bad)
-    assert not any(fits(None, value) for value in good)
+    with connected(server) as socket:
+        socket.send(browser_message())
+        until(lambda: server._pages, "a page")
+        (client,) = server._server.get_clients().values()
+        handles = client.gui._gui_input_handle_from_uuid.values()
+        controls = {handle.label: handle for handle in handles}
+        for label, (good, bad) in wanted.items():
+            assert all(fits(controls[label], value) for value in good), label
+            assert not any(fits(controls[label], value) for value in bad), label
+    assert not fits(None, True)
 
 
 def test_no_message_puts_the_viewer_on_the_internet(server):
