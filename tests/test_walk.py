@@ -7,6 +7,7 @@ The browser that draws them is in test_walk_page.py.
 import dataclasses
 import types
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -63,7 +64,7 @@ def lit_field(request):
         return module.enhancement(level, edit).enhanced
 
     def lit(look):
-        srgb = model.apply({"params": params}, look.edit(), method=light)
+        srgb: Any = model.apply({"params": params}, look.edit(), method=light)
         return np.clip(srgb, 0.0, 1.0)
 
     return model, params, lit
@@ -72,11 +73,11 @@ def lit_field(request):
 def baked(srgb):
     count = len(srgb)
     splats = Splats(
-        np.float32(POINTS),
-        np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
-        np.log(np.tile(np.float32([SIZE, SIZE, SIZE / 4]), (count, 1))),
+        POINTS.astype(np.float32),
+        np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
+        np.log(np.tile(np.array([SIZE, SIZE, SIZE / 4], np.float32), (count, 1))),
         np.zeros(count, np.float32),
-        np.float32((srgb - 0.5) / SH0)[:, None],
+        np.asarray((srgb - 0.5) / SH0, np.float32)[:, None],
     )
     return Baked(splats, BEFORE, step=7)
 
@@ -176,7 +177,7 @@ def test_a_bake_waits_for_pictures_that_somebody_waits_for():
     bakery = TestBakery()
     bakery.start()
     seen = []
-    urgent = types.SimpleNamespace(
+    urgent: Any = types.SimpleNamespace(
         urgency=lambda: 2 * (len(seen) < 2), step=lambda: seen.append(bakery.share)
     )
     bakery.turns.join(urgent)
