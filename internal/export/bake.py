@@ -260,6 +260,11 @@ def fit(
         yield dataclasses.replace(start, **fitted)
 
 
+def without_faint(splats: Splats) -> Splats:
+    """Those that fitting left with a part in the pictures; NumPy arrays."""
+    return take(splats, np.asarray(splats.opacities) > LEAST_OPACITY)
+
+
 def optimizer_of_fit(steps: int) -> optax.GradientTransformation:
     """Adam, in units of the rates, which sink to ``LAST_RATE`` of themselves."""
     return optax.chain(
@@ -293,11 +298,6 @@ def improvement(
         return fitted, state
 
     return improve
-
-
-def without_faint(splats: Splats) -> Splats:
-    """Those that fitting left with a part in the pictures; NumPy arrays."""
-    return take(splats, np.asarray(splats.opacities) > LEAST_OPACITY)
 
 
 def views_in_turn(rng: np.random.Generator, views: int, steps: int) -> list[int]:

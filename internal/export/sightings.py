@@ -121,8 +121,8 @@ def sighting_of(
     lit = rendering.enhanced if isinstance(rendering, LitRendering) else rendering.rgb
     depth = np.asarray(rendering.depth, np.float64)[..., 0]
     directions = colmap.lens_directions(lens).reshape(lens.height, lens.width, 3)
-    scale = scene.model_from_world.scale
+    far = scene.model_from_world.scale * scene.far
     points = surface_points(scene.space, camtoworld, directions, depth)
-    is_surface = ~is_background(depth, scale * scene.far) & scene.mask(view)
+    is_surface = ~is_background(depth, far) & scene.mask(view)
     dark = color.to_uint8(rendering.rgb)
     return Sighting(lens, camtoworld, color.to_uint8(lit), dark, points, is_surface)

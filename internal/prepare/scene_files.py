@@ -21,7 +21,7 @@ HOLDOUT = 8  # every eighth view, from the first, is a test view
 
 README = """A scene prepared from {photos} photos of {source}; {registered} have poses.
 
-images/          the photos themselves, not brightened (RAW and EXR: developed to PNG)
+images/          the photos themselves, not brightened (RAW, EXR, HEIC: as PNG)
 {truth}transforms.json  OpenGL camera-to-world poses, lenses in pixels of the upright
                  photos, and the split into train_filenames and test_filenames
 sparse/0/        the same cameras and the sparse points as a COLMAP model

@@ -6,6 +6,7 @@ on, and the field's picture follows at rest; ``export.py`` bakes larger ones, wh
 taken instead where a run has them.
 """
 
+import contextlib
 import dataclasses
 import threading
 from collections.abc import Callable, Generator
@@ -110,7 +111,8 @@ class Bakery:
             self.share = share
             listeners = list(self._listeners)
         for hear in listeners:
-            hear()
+            with contextlib.suppress(Exception):  # its page has gone meanwhile
+                hear()
 
     def _end(self, walkable: Walkable | None, failure: str = "") -> None:
         self._studio.turns.leave(self)
