@@ -49,6 +49,14 @@ def view(text: str | None) -> argparse.ArgumentParser:
         "--host", default="127.0.0.1", help="0.0.0.0 lets other computers in"
     )
     parser.add_argument("--port", type=int, default=8080)
+    walk = parser.add_mutually_exclusive_group()
+    walk.add_argument(
+        "--splats", type=positive_int, default=30_000, metavar="N",
+        help="bake at most N to walk on, unless export.py did; 30000 if not given",
+    )  # fmt: skip
+    walk.add_argument(
+        "--no_splats", action="store_true", help="walk on pictures of the field alone"
+    )
     return parser
 
 

@@ -4,6 +4,7 @@
     config.json      the configuration it is trained with (internal/saved_config.py)
     scene.json       the scene it is trained on (internal/scene/identity.py)
     command.txt      the last command that trained it
+    noise.json       the noise of the photos, for ``Losses.observation = 'noisy'``
     metrics.jsonl    one JSON object per log line, with the seconds of training up to it
     tensorboard/     the same for TensorBoard, with pictures
     checkpoints/     the last few states, a folder per step

@@ -35,9 +35,13 @@ from internal.scene import colmap
 from internal.scene.mask_files import find_masks
 from internal.scene.pairing import dark_twin, match_by_name, pair_poses, some
 from internal.scene.readers.base import Reader, SceneFiles
+from internal.scene.transforms_file import (
+    DISTORTION_TERMS,
+    LAST_ROW,
+    SINGLE_FILE,
+    SPLIT_FILE,
+)
 
-SPLIT_FILE = "transforms_{}.json"
-SINGLE_FILE = "transforms.json"
 LARGEST_NUMBER = 1e9  # of pixels or depths; also finite
 FOCAL_KEYS = (
     ("fl_x", "fl_y"),
@@ -51,11 +55,7 @@ NOT_READ = ("ftheta_p0", "from_mitsuba", "latlong", "equirectangular")  # instan
 MOST_POINTS = 200_000  # of a dense cloud, evenly chosen
 WORST_FIT = 0.01  # of the spread of the camera centres
 WORST_AXES = 0.05  # between unit vectors: 3 degrees
-PERSPECTIVE_TERMS = ("k1", "k2", "p1", "p2")
-RATIONAL_TERMS = (*PERSPECTIVE_TERMS, "k3", "k4", "k5", "k6")
 LISTED_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")  # of distortion_params
-LAST_ROW = (0.0, 0.0, 0.0, 1.0)
-FISHEYE_TERMS = ("k1", "k2", "k3", "k4")
 FISHEYE_MODELS = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 PERSPECTIVE_MODELS = (
     *("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL"),
@@ -419,10 +419,13 @@ def _lens(frame: _Frame) -> Lens:
         _middle(frame, "cy", height),
     )
     frame = _with_listed_distortion(frame)
+
+    def lens(model: str) -> Lens:
+        terms = (_number(frame, key, 0.0) for key in DISTORTION_TERMS[model])
+        return Lens(model, width, height, (*pinhole, *terms))
+
     if model in FISHEYE_MODELS:
-        distortion = tuple(_number(frame, key, 0.0) for key in FISHEYE_TERMS)
-        return Lens("OPENCV_FISHEYE", width, height, pinhole + distortion)
-    distortion = tuple(_number(frame, key, 0.0) for key in RATIONAL_TERMS)
+        return lens("OPENCV_FISHEYE")
     # k4 to k6 are a denominator in OpenCV's full model alone; nerfstudio's k4 belongs
     # to r^8, which no lens here has.
     beyond = [k for k in ("k4", "k5", "k6") if _number(frame, k, 0.0) != 0.0]
@@ -432,12 +435,11 @@ def _lens(frame: _Frame) -> Lens:
             f"{_number(frame, beyond[0], 0.0):g}; this program has no such term in a "
             f"{model} lens: calibrate with k1, k2, k3, p1, p2, or undistort the photos"
         )
-    if any(distortion[len(PERSPECTIVE_TERMS) :]):
-        return Lens("FULL_OPENCV", width, height, pinhole + distortion)
-    if any(distortion):
-        params = pinhole + distortion[: len(PERSPECTIVE_TERMS)]
-        return Lens("OPENCV", width, height, params)
-    return Lens("PINHOLE", width, height, pinhole)
+    # The simplest lens that has all of the terms.
+    simple, full = lens("OPENCV"), lens("FULL_OPENCV")
+    if any(full.params[len(simple.params) :]):
+        return full
+    return simple if any(simple.params[len(pinhole) :]) else lens("PINHOLE")
 
 
 def _stated_size(frame: _Frame) -> tuple[int, int]:
@@ -600,7 +602,7 @@ def _sparse_points(
     similarity = poses.fit_similarity(source[:, :, 3], target[:, :, 3])
     error = np.abs(similarity.poses(source) - target)
     spread = np.linalg.norm(np.std(target[:, :, 3], axis=0))
-    turned = poses.transform_poses(similarity, source)[:, :, :3] * (1.0, -1.0, -1.0)
+    turned = similarity.poses(source)[:, :, :3] * (1.0, -1.0, -1.0)
     if np.abs(turned - target[:, :, :3]).max() < WORST_AXES:
         raise UserError(
             f"{data_dir}: the poses of its JSON have OpenCV's axes, as the model in "
