@@ -28,7 +28,7 @@ def made(folder, filled):
 
 
 def test_a_folder_whose_maker_was_killed_is_made_whole_and_leaves_no_part(tmp_path):
-    context = multiprocessing.get_context("fork")
+    context = multiprocessing.get_context("spawn")
     killed = context.Process(target=made, args=(tmp_path / "export", fill_and_die))
     killed.start()
     killed.join()

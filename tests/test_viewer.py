@@ -563,7 +563,7 @@ def test_a_page_of_another_origin_is_sent_away(studio, server):
     assert first_answer(server.address) is not None
 
 
-def test_a_control_takes_what_its_page_can_send(server):
+def test_a_control_takes_what_its_page_can_send(studio, server):
     wanted = {
         "Exposure": ([1, -4.0, 0.1], [4.1, -1e300, True, "1", [1.0], None]),
         "Frames": ([2, 9], [1, 10**9, "9", None]),
@@ -581,7 +581,17 @@ def test_a_control_takes_what_its_page_can_send(server):
         for label, (good, bad) in wanted.items():
             assert all(fits(controls[label], value) for value in good), label
             assert not any(fits(controls[label], value) for value in bad), label
-    assert not fits(None, True)
+        assert not fits(None, True)
+
+        # The same on the way of a message, and no other property at all.
+        exposure = controls["Exposure"]
+        own = {"uuid": exposure._impl.uuid}
+        for update in ({"value": 1e300}, {"step": 9.0}, {"value": 1.0, "step": 9.0}):
+            socket.send(message("GuiUpdateMessage", updates=update, **own))
+        socket.send(message("GuiUpdateMessage", updates={"value": -2.0}, **own))
+        until(lambda: exposure.value == -2.0, "the last value")
+        assert exposure.step == 0.1
+        assert all(-4.0 <= edit.gains[0] <= 1.0 for edit in studio.edits)
 
 
 def test_no_message_puts_the_viewer_on_the_internet(server):

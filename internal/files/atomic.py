@@ -11,6 +11,7 @@ from typing import Any
 from internal.errors import UserError
 
 PARTIAL = ".partial-"  # before the name of what is being written
+BLOCK = bytes(1 << 20)
 
 
 @contextlib.contextmanager
@@ -68,6 +69,23 @@ def write_text(path: Path, text: str) -> None:
     """
     with writing(path) as partial:
         partial.write_text(text, encoding="utf-8")
+
+
+def take_room(folder: Path, size: int) -> None:
+    """Writes so many bytes, in whole blocks, and removes them: for libraries whose
+    threads do not outlive a full disk.
+
+    Raises:
+        OSError: they cannot be written.
+    """
+    probe = folder / f"{PARTIAL}room"
+    try:
+        with probe.open("wb") as file:
+            for _ in range(0, size, len(BLOCK)):
+                file.write(BLOCK)
+    finally:
+        with contextlib.suppress(OSError):
+            probe.unlink(missing_ok=True)
 
 
 def ensure_folder(folder: Path) -> None:

@@ -10,8 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from internal.errors import UserError
-
-BLOCK = bytes(1 << 20)
+from internal.files.atomic import take_room
 
 
 @contextlib.contextmanager
@@ -22,7 +21,7 @@ def room(folder: Path, size: int) -> Iterator[None]:
         UserError: they cannot, or COLMAP stopped.
     """
     try:
-        _take(folder / ".room", size)
+        take_room(folder, size)
         yield
     except OSError as error:
         raise cannot_write(folder, error) from error
@@ -40,14 +39,3 @@ def cannot_write(folder: Path, error: OSError) -> UserError:
         f"{folder}: cannot write ({error.strerror}); free space and run the same "
         "command again: it goes on from here"
     )
-
-
-def _take(probe: Path, size: int) -> None:
-    """Writes that many bytes, in whole blocks, and removes them."""
-    try:
-        with probe.open("wb") as file:
-            for _ in range(0, size, len(BLOCK)):
-                file.write(BLOCK)
-    finally:
-        with contextlib.suppress(OSError):
-            probe.unlink(missing_ok=True)

@@ -26,6 +26,7 @@ from internal.models import Model
 from internal.training import run_folder
 from internal.training.step import TrainState, initial_state
 
+BYTES_PER_ARRAY = 1 << 14  # beside its content
 logging.getLogger("absl").setLevel(logging.ERROR)
 
 
@@ -72,6 +73,8 @@ class Checkpoints:
         if step == self.latest_step():
             return
         try:
+            if jax.process_index() == 0:  # Orbax's threads outlive the error
+                atomic.take_room(self.folder, _bytes(state))
             self._manager.save(step, args=ocp.args.PyTreeSave(state))
             self._manager.wait_until_finished()
             intact = _equal(self._read(step, state), state)
@@ -166,6 +169,11 @@ def checksums(folder: Path) -> dict[str, int]:
         path.relative_to(folder).as_posix(): zlib.crc32(path.read_bytes())
         for path in files
     }
+
+
+def _bytes(state: TrainState) -> int:
+    """More than a state takes on a disk: each array is a folder with its metadata."""
+    return sum(leaf.nbytes + BYTES_PER_ARRAY for leaf in jax.tree.leaves(state))
 
 
 def _equal(a: TrainState, b: TrainState) -> bool:
