@@ -21,8 +21,8 @@ from jaxtyping import Float, UInt8
 from benchmarks import workload
 from internal.color import linear_to_srgb, srgb_to_linear
 from internal.files import image_io
+from internal.files.listing import list_pictures
 from internal.night.capture import CaptureModel, capture, view_key
-from internal.scene.pairing import list_pictures
 from internal.scene.unround import unround
 from internal.scoring import metrics
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The library behind train.py, eval.py, render.py and sweep.py.
+"""The library behind the scripts at the root of the repository.
 
-Scripts run from the repository root; nothing named ``internal`` is installed.
+They run from there; nothing named ``internal`` is installed.
 """

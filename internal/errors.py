@@ -12,5 +12,5 @@ class Diverged(Exception):
 
 
 def one_line(error: Exception) -> str:
-    """What a page says of any error: the start of its message, or its kind."""
+    """The start of any error's message, or its kind."""
     return " ".join(str(error).split())[:300] or type(error).__name__

@@ -7,9 +7,15 @@ is not given is left out of the result, or None.
 """
 
 import argparse
+import ast
+import contextlib
+from collections.abc import Sequence
 from pathlib import Path
 
+from internal.errors import UserError
+
 DOCUMENTED = argparse.RawDescriptionHelpFormatter
+METHODS = Path(__file__).parents[1] / "configs" / "methods"
 
 
 def train(text: str | None) -> argparse.ArgumentParser:
@@ -29,6 +35,7 @@ def train(text: str | None) -> argparse.ArgumentParser:
 def trained(text: str | None) -> argparse.ArgumentParser:
     """eval.py, render.py: a run, and bindings that may differ from its own."""
     parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
+    parser.set_defaults(trained=True)
     add_run(parser)
     add_scene(parser)
     add_configuration(parser)
@@ -81,6 +88,46 @@ def sweep(text: str | None) -> argparse.ArgumentParser:
     parser.add_argument("--variants", nargs="*", default=[], metavar="VARIANT")
     add_place(parser)
     return parser
+
+
+def compare(text: str | None) -> argparse.ArgumentParser:
+    """compare.py: scenes, methods and where results go."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
+    parser.add_argument("scenes", type=Path, nargs="+", help="folders of scenes")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the results")
+    parser.add_argument(
+        "--methods", type=Path, nargs="+", metavar="LIST",
+        default=[METHODS / "photos.toml", METHODS / "models.toml"],
+        help="lists of methods; photos.toml and models.toml of configs/methods if none",
+    )  # fmt: skip
+    add_bindings(parser)
+    add_place(parser)
+    return parser
+
+
+def figures(text: str | None) -> argparse.ArgumentParser:
+    """figures.py: what to show of a comparison."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
+    parser.add_argument("out", type=Path, help="the folder that compare.py wrote")
+    parser.add_argument("--scene", default="", help="all scenes if left out")
+    parser.add_argument(
+        "--methods", nargs="+", default=[], metavar="ROW", help="all if left out"
+    )
+    parser.add_argument("--view", default="", help="a test view; else the first")
+    parser.add_argument(
+        "--crop", type=int, nargs=4, action="append", default=[],
+        metavar=("X", "Y", "WIDTH", "HEIGHT"), help="detail to enlarge, in pixels",
+    )  # fmt: skip
+    parser.add_argument("--columns", type=int, default=4, help="pictures in a row")
+    parser.add_argument(
+        "--renderings-only", action="store_true", help="no photos, no truth"
+    )
+    return parser
+
+
+def demo(text: str | None) -> argparse.ArgumentParser:
+    """demo.py: nothing to choose."""
+    return argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
 
 
 def study(text: str | None) -> argparse.ArgumentParser:
@@ -241,6 +288,51 @@ def _add_folder(
         metavar="FOLDER",
         help=f"{text}; short for {name}",
     )
+
+
+def check_named(args: argparse.Namespace) -> None:
+    """Looks for what flags name before anything that takes time is imported.
+
+    Raises:
+        UserError: a gin file, a scene's folder or a trained run's is not there.
+    """
+    for file in getattr(args, "gin_configs", ()):
+        check_gin_file(file)
+    bindings = getattr(args, "gin_bindings", ())
+    scene = _bound_text("Config.data_dir", bindings)
+    if scene:
+        check_scene(Path(scene))
+    run = _bound_text("Config.checkpoint_dir", bindings)
+    if run and getattr(args, "trained", False) and not Path(run).is_dir():
+        raise no_checkpoint(run)
+
+
+def check_gin_file(file: str) -> None:
+    """Raises a UserError for a gin file that is not there."""
+    if not Path(file).is_file():
+        raise UserError(f"{file}: no such gin file; see configs/")
+
+
+def check_scene(folder: Path) -> None:
+    """Raises a UserError for a scene that is not there."""
+    if not folder.is_dir():
+        raise UserError(f"{folder}: scene folder not found; check Config.data_dir")
+
+
+def no_checkpoint(run: str | Path) -> UserError:
+    """The error of a run that nobody trained."""
+    return UserError(f"{run}: holds no checkpoint; train first, or correct --run")
+
+
+def _bound_text(name: str, bindings: Sequence[str]) -> str:
+    """The plain text that bindings give a name, the last one counts; "" if none."""
+    found = ""
+    for binding in bindings:
+        stated, _, value = binding.partition("=")
+        if stated.strip() == name:
+            with contextlib.suppress(ValueError, SyntaxError):
+                found = str(ast.literal_eval(value.strip()))
+    return found
 
 
 class _Tuple(argparse.Action):

@@ -20,6 +20,7 @@ from internal.binding import configurable, typed
 from internal.fields.base import Dense
 
 TABLE_INIT = 1e-4  # features start close to nothing (Instant NGP Sec. 4)
+PROPOSAL_GAIN = 10.0  # lets a grid of densities move as fast as an MLP's last layer
 
 
 @configurable("HashGrid")
@@ -80,9 +81,6 @@ class GridProposal(nn.Module):
         encoded = _Encoding(resolutions, 1, dense, antialias=False)(mean, var)
         total = functools.reduce(jnp.add, encoded[..., 0])
         return PROPOSAL_GAIN * total.reshape(mean.shape[:-1])
-
-
-PROPOSAL_GAIN = 10.0  # lets a grid of densities move as fast as an MLP's last layer
 
 
 class _Encoding(nn.Module):

@@ -62,9 +62,8 @@ class Encoding:
     """What stored values mean."""
 
     name: str  # for messages
-    curves: Float[
-        np.ndarray, "channels 65536"
-    ]  # light of each level; one for all, or 3
+    # Light of each level: of all three channels, or of each.
+    curves: Float[np.ndarray, "channels 65536"]
     rec709_from_light: Float[np.ndarray, "3 3"]  # to light in sRGB's primaries
     system_gamma: float = 1.0  # of HLG, where light depends on the luminance as well
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""CIEDE2000 through scikit-image (the only module that imports it).
+"""CIEDE2000 through scikit-image.
 
 The optional extra ``metrics`` brings the package. Colours are sRGB in [0, 1].
 """

@@ -27,7 +27,7 @@ from internal.files.picture_store import Picture, PictureStore, gigabytes
 from internal.scene.masks import Mask
 from internal.training.choices import Choices, find_choices
 
-# Steps right and down from a patch's centre.
+# Steps right and down from the first pixel of a patch to each of its members.
 _OFFSETS = {0: ((0,), (0,)), 2: ((0, 1, 0), (0, 0, 1))}
 
 
