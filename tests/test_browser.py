@@ -171,6 +171,76 @@ def test_a_double_click_looks_there_and_the_nearest_photo_is_named(viewer):
     assert np.degrees(np.arccos(cosine)) < 3.0
 
 
+@pytest.mark.parametrize(
+    ("key", "way"),
+    [("w", [0, 0, -1]), ("s", [0, 0, 1]), ("a", [-1, 0, 0]), ("d", [1, 0, 0])],
+)
+def test_keys_walk_along_the_cameras_axes(viewer, key, way):
+    viewer.start_over()
+    viewer.page.mouse.click(300, 300)  # keys go to the picture
+    before = viewer.cameras[-1].camtoworld
+    viewer.page.keyboard.down(key)
+    until(lambda: apart(viewer, before) > 0.02, "a walk")
+    viewer.page.keyboard.up(key)
+    viewer.settle()
+    went = (viewer.cameras[-1].camtoworld[:, 3] - before[:, 3]) @ before[:, :3]
+    np.testing.assert_allclose(went / np.linalg.norm(went), way, atol=0.1)
+
+
+def apart(viewer, before):
+    """How far the camera has gone from a pose."""
+    return np.linalg.norm(viewer.cameras[-1].camtoworld[:, 3] - before[:, 3])
+
+
+def test_a_phone_turns_by_one_finger_moves_by_two_and_keeps_proportions(viewer):
+    since = len(viewer.cameras)
+    context = viewer.browser.new_context(
+        viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True
+    )
+    phone = context.new_page()
+    phone.goto(viewer.server.address)
+    until(lambda: len(viewer.cameras) > since, "the phone's camera")
+    canvas = phone.locator("canvas").first
+    canvas.wait_for()
+    box = canvas.bounding_box()
+
+    def aspect():
+        return viewer.frames[-1].camera.aspect
+
+    until(lambda: abs(aspect() - box["width"] / box["height"]) < 0.02, "its window")
+    height, width, _ = viewer.frames[-1].picture.shape
+    assert abs(width / height - aspect()) < 0.1
+    fingers = context.new_cdp_session(phone)
+    before = viewer.cameras[-1].camtoworld
+    swipe(fingers, [(200, 200)], (60, 0))
+    until(lambda: turned(viewer, before) > 2.0, "a turn")
+    viewer.settle()
+    before = viewer.cameras[-1].camtoworld
+    swipe(fingers, [(150, 200), (250, 200)], (0, 60))
+    until(lambda: apart(viewer, before) > 0.01, "a move")
+    viewer.settle()
+    assert turned(viewer, before) < 1.0
+    context.close()
+
+
+def swipe(fingers, places, way):
+    """Moves fingers from some places of a phone's screen."""
+    for share in np.linspace(0.0, 1.0, 8):
+        points = [
+            {"x": x + share * way[0], "y": y + share * way[1], "id": number}
+            for number, (x, y) in enumerate(places)
+        ]
+        kind = "touchMove" if share else "touchStart"
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+
+def turned(viewer, before):
+    """By how many degrees the camera looks elsewhere."""
+    cosine = viewer.cameras[-1].camtoworld[:, 2] @ before[:, 2]
+    return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
 def test_evidence_is_shown_with_its_legend(viewer):
     viewer.choose("Picture", "evidence")
     colors = {tuple(band.rgb) for band in LEGEND}
