@@ -12,21 +12,21 @@ missing: add a method or a scene, and the rest stays. A training that fails cost
 own rows only. --jobs 4 trains four at a time, --cluster slurm each in a job of its own.
 """
 
-import argparse
-from collections.abc import Sequence
-from pathlib import Path
-
 from internal import flags, script
+
+if __name__ == "__main__":  # before the imports below, which take seconds
+    script.begin(flags.compare(__doc__), computes=False)
+
+from collections.abc import Sequence
+
 from internal.comparison import figures, jobs, page, tables
 from internal.comparison.methods import methods_for, read_methods
 from internal.launching import launch
 
-LISTS = Path(__file__).parent / "configs" / "methods"
-
 
 def main(argv: Sequence[str]) -> int:
     """Does the work that is missing, then writes tables, figures and the page."""
-    args = _parser().parse_args(argv)
+    args = flags.compare(__doc__).parse_args(argv)
     place = launch.place_for(args, args.out)
     methods = read_methods(args.methods)
     chosen = {scene: methods_for(methods, scene) for scene in args.scenes}
@@ -60,20 +60,6 @@ def main(argv: Sequence[str]) -> int:
     print(tables.write_tables(args.out, results))
     print(page.write_page(args.out, results, drawn))
     return launch.report_failures(runs)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(description="Compare methods on scenes.")
-    parser.add_argument("scenes", type=Path, nargs="+", help="folders of scenes")
-    parser.add_argument("--out", type=Path, required=True, help="folder of the results")
-    parser.add_argument(
-        "--methods", type=Path, nargs="+", metavar="LIST",
-        default=[LISTS / "photos.toml", LISTS / "models.toml"],
-        help="lists of methods; photos.toml and models.toml of configs/methods if none",
-    )  # fmt: skip
-    flags.add_bindings(parser)
-    flags.add_place(parser)
-    return parser
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@
 ``make demo`` runs it. It calls the same scripts a user calls and prints each command.
 """
 
+import argparse
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -21,6 +22,7 @@ OF_RUN = f"--run={RUN}"
 
 def main(argv: Sequence[str]) -> int:
     """Runs the four commands, then puts the pictures side by side."""
+    argparse.ArgumentParser(description=__doc__).parse_args(argv)
     commands = [
         ("make_scene.py", "night", str(SCENE)),
         ("train.py", "--gin_configs=configs/demo.gin", f"--scene={SCENE}", OF_RUN),

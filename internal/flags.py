@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command lines of all scripts that train, use or make a scene.
+"""The command lines of all scripts.
 
 They stand here and not in the scripts because nothing here takes time to import. The
 defaults of a capture and an export stand beside what they set: a flag of theirs that
@@ -10,6 +10,7 @@ import argparse
 from pathlib import Path
 
 DOCUMENTED = argparse.RawDescriptionHelpFormatter
+METHODS = Path(__file__).parents[1] / "configs" / "methods"
 
 
 def train(text: str | None) -> argparse.ArgumentParser:
@@ -29,9 +30,9 @@ def train(text: str | None) -> argparse.ArgumentParser:
 def trained(text: str | None) -> argparse.ArgumentParser:
     """eval.py, render.py: a run, and bindings that may differ from its own."""
     parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
-    add_run(parser)
-    add_scene(parser)
-    add_configuration(parser)
+    _add_run(parser)
+    _add_scene(parser)
+    _add_configuration(parser)
     return parser
 
 
@@ -71,7 +72,44 @@ def sweep(text: str | None) -> argparse.ArgumentParser:
     """sweep.py: what train.py takes, and variants of it."""
     parser = _to_train(text)
     parser.add_argument("--variants", nargs="*", default=[], metavar="VARIANT")
-    add_place(parser)
+    _add_place(parser)
+    return parser
+
+
+def compare(text: str | None) -> argparse.ArgumentParser:
+    """compare.py: scenes, and lists of methods."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
+    parser.add_argument("scenes", type=Path, nargs="+", help="folders of scenes")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the results")
+    parser.add_argument(
+        "--methods", type=Path, nargs="+", metavar="LIST",
+        default=[METHODS / "photos.toml", METHODS / "models.toml"],
+        help="lists of methods; photos.toml and models.toml of configs/methods if none",
+    )  # fmt: skip
+    _add_bindings(parser)
+    _add_place(parser)
+    return parser
+
+
+def figures(text: str | None) -> argparse.ArgumentParser:
+    """figures.py: a comparison, and what to show of it."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
+    parser.add_argument("out", type=Path, help="the folder that compare.py wrote")
+    parser.add_argument("--scene", default="", help="all scenes if left out")
+    parser.add_argument(
+        "--methods", nargs="+", default=[], metavar="ROW", help="all if left out"
+    )
+    parser.add_argument("--view", default="", help="a test view; else the first")
+    parser.add_argument(
+        "--crop", type=int, nargs=4, action="append", default=[],
+        metavar=("X", "Y", "WIDTH", "HEIGHT"), help="detail to enlarge, in pixels",
+    )  # fmt: skip
+    parser.add_argument(
+        "--columns", type=positive_int, default=4, help="pictures in a row"
+    )
+    parser.add_argument(
+        "--renderings-only", action="store_true", help="no photos, no truth"
+    )
     return parser
 
 
@@ -122,9 +160,9 @@ def make_scene(text: str | None) -> argparse.ArgumentParser:
 def _to_train(text: str | None) -> argparse.ArgumentParser:
     """What trains takes: a configuration, a scene, and the folder of a run."""
     parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
-    add_configuration(parser)
-    add_scene(parser)
-    add_run(parser)
+    _add_configuration(parser)
+    _add_scene(parser)
+    _add_run(parser)
     return parser
 
 
@@ -176,15 +214,15 @@ def prepare(text: str | None) -> argparse.ArgumentParser:
     return parser
 
 
-def add_configuration(parser: argparse.ArgumentParser) -> None:
+def _add_configuration(parser: argparse.ArgumentParser) -> None:
     """``--gin_configs`` and ``--gin_bindings``, each as often as wanted."""
     parser.add_argument(
         "--gin_configs", action="append", default=[], metavar="FILE", help="gin file"
     )
-    add_bindings(parser)
+    _add_bindings(parser)
 
 
-def add_bindings(parser: argparse.ArgumentParser) -> None:
+def _add_bindings(parser: argparse.ArgumentParser) -> None:
     """``--gin_bindings``, as often as wanted."""
     parser.add_argument(
         "--gin_bindings",
@@ -195,7 +233,7 @@ def add_bindings(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_place(parser: argparse.ArgumentParser) -> None:
+def _add_place(parser: argparse.ArgumentParser) -> None:
     """``--jobs`` or ``--cluster``: where many trainings run."""
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
@@ -211,12 +249,12 @@ def add_place(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def add_scene(parser: argparse.ArgumentParser) -> None:
+def _add_scene(parser: argparse.ArgumentParser) -> None:
     """``--scene``, which is short for a binding of ``Config.data_dir``."""
     _add_folder(parser, "--scene", "Config.data_dir", "of photos with their poses")
 
 
-def add_run(parser: argparse.ArgumentParser) -> None:
+def _add_run(parser: argparse.ArgumentParser) -> None:
     """``--run``, which is short for a binding of ``Config.checkpoint_dir``."""
     _add_folder(parser, "--run", "Config.checkpoint_dir", "of the training's results")
 

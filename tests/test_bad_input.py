@@ -169,7 +169,7 @@ def test_a_missing_extra_says_what_to_install(program, extra, monkeypatch, capsy
     assert_one_line(code, "run pip install -e '.[", capsys)
 
 
-NAMES = "train eval render view export sweep study prepare make_scene".split()
+NAMES = "train eval render view export sweep compare figures study prepare make_scene"
 
 
 @pytest.mark.parametrize("argv", [["--help"], ["--no-such-flag"]])
@@ -177,7 +177,7 @@ def test_help_and_wrong_flags_are_answered_before_anything_large_is_imported(arg
     """Each script in turn in one process, as ``__main__``."""
     code = f"""
 import runpy, sys
-for name in {NAMES!r}:
+for name in {NAMES.split()!r}:
     sys.argv = [name + ".py", *{argv!r}]
     try:
         runpy.run_path(name + ".py", run_name="__main__")
