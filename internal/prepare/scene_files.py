@@ -94,8 +94,7 @@ def write_transforms(model: Reconstruction, scene: Path) -> None:
         "test_filenames": files[::HOLDOUT],
         "frames": frames,
     }
-    with atomic.writing(scene / TRANSFORMS) as partial:
-        partial.write_text(json.dumps(content, indent=2) + "\n")
+    atomic.write_text(scene / TRANSFORMS, json.dumps(content, indent=2) + "\n")
 
 
 def write_readme(
@@ -109,8 +108,7 @@ def write_readme(
         registered=registered,
         truth=truth if has_truth else "",
     )
-    with atomic.writing(scene / "README.txt") as partial:
-        partial.write_text(text)
+    atomic.write_text(scene / "README.txt", text)
 
 
 def lens_entry(lens: Lens) -> dict[str, float | int]:
