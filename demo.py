@@ -4,13 +4,16 @@
 ``make demo`` runs it. It calls the same scripts a user calls and prints each command.
 """
 
-import argparse
+from internal import flags, script
+
+if __name__ == "__main__":  # before the imports below, which take seconds
+    script.begin(flags.demo(__doc__), computes=False)
+
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from internal import script
 from internal.files import image_io
 from internal.pages import contact_sheet, scores
 from internal.scoring.baselines import gain_to_mean
@@ -22,7 +25,6 @@ OF_RUN = f"--run={RUN}"
 
 def main(argv: Sequence[str]) -> int:
     """Runs the four commands, then puts the pictures side by side."""
-    argparse.ArgumentParser(description=__doc__).parse_args(argv)
     commands = [
         ("make_scene.py", "night", str(SCENE)),
         ("train.py", "--gin_configs=configs/demo.gin", f"--scene={SCENE}", OF_RUN),

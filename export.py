@@ -26,6 +26,7 @@ from internal import cli, extras, parallel
 from internal.cameras import Cameras
 from internal.export import folder as export_folder
 from internal.export.density import make_density
+from internal.export.sightings import between_views, look_around, undistorted
 from internal.files import made_folder
 from internal.pages import pages
 from internal.rendering.renderer import Renderer
@@ -48,7 +49,7 @@ def main(argv: Sequence[str]) -> int:
     run = Path(config.checkpoint_dir)
     photographed = cli.load_split(config, "train")
     run_folder.check_scene(run, photographed.identity, scored=False)
-    scene = export_folder.undistorted(photographed)
+    scene = undistorted(photographed)
     renderer = Renderer(model, scene.cameras, scene.space, mesh, config.render.chunk)
     density = make_density(model, state.params, footprint=1.0 / wanted.resolution)
 
@@ -56,11 +57,11 @@ def main(argv: Sequence[str]) -> int:
         def render(camera: Cameras) -> Any:
             return renderer.picture(state.params, camera, edit)
 
-        sightings = export_folder.look_around(scene, render)
+        sightings = look_around(scene, render)
         between = []
         if wanted.splats:
-            middle = export_folder.between_views(scene)
-            between = export_folder.look_around(middle, render)
+            middle = between_views(scene)
+            between = look_around(middle, render)
         facts = export_folder.write_all(
             folder, scene, sightings, between, density, wanted
         )

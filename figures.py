@@ -30,6 +30,8 @@ def main(argv: Sequence[str]) -> int:
         raise UserError(
             f"--crop: {len(args.crop)} of them; at most {len(FRAME_COLORS)}"
         )
+    if args.columns < 1:
+        raise UserError(f"--columns {args.columns}: expected 1 or more")
     for scene in [args.scene] if args.scene else list(scenes):
         if scene not in results:
             raise UserError(f"{args.out}: no scene {scene}; has {', '.join(results)}")

@@ -24,15 +24,19 @@ def main(argv: Sequence[str]) -> int:
     """Serves until Ctrl-C."""
     args = flags.view(__doc__).parse_args(argv)
     extras.need("view", "viser", to="the viewer")
+    from internal.viewer.baking import Bakery
     from internal.viewer.server import Server, check_free
     from internal.viewer.studio import Studio
 
     check_free(args.host, args.port)
     config = cli.start_trained(args)
-    scene = cli.load_split(config, "train")
-    run_folder.check_scene(Path(config.checkpoint_dir), scene.identity, scored=False)
+    run, scene = Path(config.checkpoint_dir), cli.load_split(config, "train")
+    run_folder.check_scene(run, scene.identity, scored=False)
     studio = Studio(config, scene)
-    server = Server(config, studio, args.host, args.port)
+    bakery = None if args.no_splats else Bakery(studio, run, args.splats)
+    server = Server(config, studio, args.host, args.port, bakery)
+    if bakery:
+        bakery.start()
     print(f"step {studio.trained.step} is shown at {server.address}", flush=True)
     try:
         server.wait()

@@ -15,7 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import workload
+from internal.cameras import Lens
 from internal.files import image_io
+from internal.scene.transforms_file import View, write_single
 
 SIZE = (480, 640)  # height, width of a generated photo
 LIMIT = 0.02  # GB of pictures that may lie in memory
@@ -67,7 +69,8 @@ def write_scene(folder: Path, photos: int) -> None:
     rng = np.random.default_rng(0)
     height, width = SIZE
     (folder / "images").mkdir(parents=True)
-    frames = []
+    lens = Lens("PINHOLE", width, height, (600.0, 600.0, width / 2, height / 2))
+    views = []
     for index, angle in enumerate(np.linspace(0, 2 * np.pi, photos, endpoint=False)):
         name = f"images/{index:04d}.png"
         levels = rng.integers(0, 40, (height // 8, width // 8, 3)) / 255.0
@@ -77,11 +80,8 @@ def write_scene(folder: Path, photos: int) -> None:
         pose = np.eye(4)
         pose[:3, :3] = [[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]]
         pose[:3, 3] = 4.0 * pose[:3, 2]
-        frames.append({"file_path": name, "transform_matrix": pose.tolist()})
-    intrinsics = {"w": width, "h": height, "fl_x": 600.0, "fl_y": 600.0}
-    intrinsics |= {"cx": width / 2, "cy": height / 2, "near": 1.0, "far": 10.0}
-    text = json.dumps({**intrinsics, "frames": frames})
-    (folder / "transforms.json").write_text(text)
+        views.append(View(name, lens, pose[:3]))
+    write_single(folder, views, bounds=(1.0, 10.0))
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ from internal.export import folder as export_folder
 from internal.export import rasterizer
 from internal.export.bake import bake, targets_of
 from internal.export.density import make_density
+from internal.export.sightings import between_views, look_around, undistorted
 from internal.rendering.renderer import Renderer
 from internal.scoring.metrics import psnr
 from internal.training.checkpoints import load_trained
@@ -38,8 +39,8 @@ def main() -> None:
     edit = config.render.edit()
     mesh = parallel.data_mesh(jax.device_count())
     model, state = load_trained(config, mesh)
-    scene = export_folder.undistorted(cli.load_split(config, "train"))
-    held_out = export_folder.undistorted(cli.load_split(config, "test"))
+    scene = undistorted(cli.load_split(config, "train"))
+    held_out = undistorted(cli.load_split(config, "test"))
     resolution = export_folder.Wanted().resolution
     density = make_density(model, state.params, footprint=1.0 / resolution)
     renderer = Renderer(model, scene.cameras, scene.space, mesh, config.render.chunk)
@@ -48,10 +49,10 @@ def main() -> None:
         return renderer.picture(state.params, camera, edit)
 
     start = time.perf_counter()
-    sightings = export_folder.look_around(scene, render)
-    between = export_folder.look_around(export_folder.between_views(scene), render)
+    sightings = look_around(scene, render)
+    between = look_around(between_views(scene), render)
     looking = time.perf_counter() - start
-    unseen = export_folder.look_around(held_out, render)
+    unseen = look_around(held_out, render)
 
     for count in args.counts:
         start = time.perf_counter()

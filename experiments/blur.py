@@ -16,7 +16,6 @@ moved, which are left out; 0.75 to 1.28 of the 16 steady ones.
 
 import argparse
 import itertools
-import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -33,6 +32,7 @@ from internal.night.capture import CaptureModel, capture, view_key
 from internal.prepare import attempts, scene_files, sharpness
 from internal.prepare.brighten import make_copy
 from internal.scene import colmap
+from internal.scene.transforms_file import View, write_single
 
 EVERY = 3  # photo
 SIZE_FACTOR = 2
@@ -138,19 +138,16 @@ def _write_scene(
     folder: Path, model: colmap.Reconstruction, dark: Mapping[str, Picture], test: set
 ) -> None:
     (folder / "images").mkdir(parents=True, exist_ok=True)
-    frames, files = [], [f"images/{Path(name).stem}.png" for name in dark]
-    for file, (name, picture) in zip(files, dark.items(), strict=True):
+    views, held_out = [], []
+    for name, picture in dark.items():
+        file = f"images/{Path(name).stem}.png"
         image_io.write(folder / file, picture)
-        view = model.names.index(name)
-        matrix = [*model.camtoworlds[view].tolist(), [0.0, 0.0, 0.0, 1.0]]
-        lens = scene_files.lens_entry(model.lenses[view])
-        frames.append({"file_path": file, **lens, "transform_matrix": matrix})
-    split = {True: [], False: []}
-    for name, file in zip(dark, files, strict=True):
-        split[name in test].append(file)
-    content = {"train_filenames": split[False], "test_filenames": split[True]}
-    text = json.dumps({"camera_model": "OPENCV", **content, "frames": frames})
-    (folder / "transforms.json").write_text(text)
+        place = model.names.index(name)
+        lens = scene_files.in_opencv_terms(model.lenses[place])
+        views.append(View(file, lens, model.camtoworlds[place]))
+        if name in test:
+            held_out.append(file)
+    write_single(folder, views, test=held_out)
 
 
 def _train(scene: Path, run: Path, model: colmap.Reconstruction) -> dict[str, float]:

@@ -6,7 +6,6 @@ stands before the equals sign.
 """
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, TypeVar
 
 import gin
@@ -15,6 +14,7 @@ from beartype.roar import BeartypeCallHintViolation
 from gin.config_parser import BindingStatement, ConfigParser, ParserDelegate
 
 from internal.errors import UserError
+from internal.flags import check_gin_file
 
 T = TypeVar("T")
 
@@ -52,8 +52,7 @@ def parsed(
     """
     gin.clear_config()
     for file in files:
-        if not Path(file).is_file():
-            raise UserError(f"{file}: no such gin file; see configs/")
+        check_gin_file(file)
     try:
         gin.parse_config(list(base))
         gin.parse_config_files_and_bindings(list(files), list(bindings))

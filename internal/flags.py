@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command lines of all scripts.
+"""The command lines of all scripts that train, use or make a scene.
 
 They stand here and not in the scripts because nothing here takes time to import. The
 defaults of a capture and an export stand beside what they set: a flag of theirs that
@@ -7,7 +7,12 @@ is not given is left out of the result, or None.
 """
 
 import argparse
+import ast
+import contextlib
+from collections.abc import Sequence
 from pathlib import Path
+
+from internal.errors import UserError
 
 DOCUMENTED = argparse.RawDescriptionHelpFormatter
 METHODS = Path(__file__).parents[1] / "configs" / "methods"
@@ -30,9 +35,10 @@ def train(text: str | None) -> argparse.ArgumentParser:
 def trained(text: str | None) -> argparse.ArgumentParser:
     """eval.py, render.py: a run, and bindings that may differ from its own."""
     parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
-    _add_run(parser)
-    _add_scene(parser)
-    _add_configuration(parser)
+    parser.set_defaults(trained=True)
+    add_run(parser)
+    add_scene(parser)
+    add_configuration(parser)
     return parser
 
 
@@ -43,6 +49,14 @@ def view(text: str | None) -> argparse.ArgumentParser:
         "--host", default="127.0.0.1", help="0.0.0.0 lets other computers in"
     )
     parser.add_argument("--port", type=int, default=8080)
+    walk = parser.add_mutually_exclusive_group()
+    walk.add_argument(
+        "--splats", type=positive_int, default=30_000, metavar="N",
+        help="bake at most N to walk on, unless export.py did; 30000 if not given",
+    )  # fmt: skip
+    walk.add_argument(
+        "--no_splats", action="store_true", help="walk on pictures of the field alone"
+    )
     return parser
 
 
@@ -72,12 +86,12 @@ def sweep(text: str | None) -> argparse.ArgumentParser:
     """sweep.py: what train.py takes, and variants of it."""
     parser = _to_train(text)
     parser.add_argument("--variants", nargs="*", default=[], metavar="VARIANT")
-    _add_place(parser)
+    add_place(parser)
     return parser
 
 
 def compare(text: str | None) -> argparse.ArgumentParser:
-    """compare.py: scenes, and lists of methods."""
+    """compare.py: scenes, methods and where results go."""
     parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
     parser.add_argument("scenes", type=Path, nargs="+", help="folders of scenes")
     parser.add_argument("--out", type=Path, required=True, help="folder of the results")
@@ -86,13 +100,13 @@ def compare(text: str | None) -> argparse.ArgumentParser:
         default=[METHODS / "photos.toml", METHODS / "models.toml"],
         help="lists of methods; photos.toml and models.toml of configs/methods if none",
     )  # fmt: skip
-    _add_bindings(parser)
-    _add_place(parser)
+    add_bindings(parser)
+    add_place(parser)
     return parser
 
 
 def figures(text: str | None) -> argparse.ArgumentParser:
-    """figures.py: a comparison, and what to show of it."""
+    """figures.py: what to show of a comparison."""
     parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
     parser.add_argument("out", type=Path, help="the folder that compare.py wrote")
     parser.add_argument("--scene", default="", help="all scenes if left out")
@@ -104,13 +118,16 @@ def figures(text: str | None) -> argparse.ArgumentParser:
         "--crop", type=int, nargs=4, action="append", default=[],
         metavar=("X", "Y", "WIDTH", "HEIGHT"), help="detail to enlarge, in pixels",
     )  # fmt: skip
-    parser.add_argument(
-        "--columns", type=positive_int, default=4, help="pictures in a row"
-    )
+    parser.add_argument("--columns", type=int, default=4, help="pictures in a row")
     parser.add_argument(
         "--renderings-only", action="store_true", help="no photos, no truth"
     )
     return parser
+
+
+def demo(text: str | None) -> argparse.ArgumentParser:
+    """demo.py: nothing to choose."""
+    return argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
 
 
 def study(text: str | None) -> argparse.ArgumentParser:
@@ -160,9 +177,9 @@ def make_scene(text: str | None) -> argparse.ArgumentParser:
 def _to_train(text: str | None) -> argparse.ArgumentParser:
     """What trains takes: a configuration, a scene, and the folder of a run."""
     parser = argparse.ArgumentParser(description=text, formatter_class=DOCUMENTED)
-    _add_configuration(parser)
-    _add_scene(parser)
-    _add_run(parser)
+    add_configuration(parser)
+    add_scene(parser)
+    add_run(parser)
     return parser
 
 
@@ -214,15 +231,15 @@ def prepare(text: str | None) -> argparse.ArgumentParser:
     return parser
 
 
-def _add_configuration(parser: argparse.ArgumentParser) -> None:
+def add_configuration(parser: argparse.ArgumentParser) -> None:
     """``--gin_configs`` and ``--gin_bindings``, each as often as wanted."""
     parser.add_argument(
         "--gin_configs", action="append", default=[], metavar="FILE", help="gin file"
     )
-    _add_bindings(parser)
+    add_bindings(parser)
 
 
-def _add_bindings(parser: argparse.ArgumentParser) -> None:
+def add_bindings(parser: argparse.ArgumentParser) -> None:
     """``--gin_bindings``, as often as wanted."""
     parser.add_argument(
         "--gin_bindings",
@@ -233,7 +250,7 @@ def _add_bindings(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_place(parser: argparse.ArgumentParser) -> None:
+def add_place(parser: argparse.ArgumentParser) -> None:
     """``--jobs`` or ``--cluster``: where many trainings run."""
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
@@ -249,12 +266,12 @@ def _add_place(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def _add_scene(parser: argparse.ArgumentParser) -> None:
+def add_scene(parser: argparse.ArgumentParser) -> None:
     """``--scene``, which is short for a binding of ``Config.data_dir``."""
     _add_folder(parser, "--scene", "Config.data_dir", "of photos with their poses")
 
 
-def _add_run(parser: argparse.ArgumentParser) -> None:
+def add_run(parser: argparse.ArgumentParser) -> None:
     """``--run``, which is short for a binding of ``Config.checkpoint_dir``."""
     _add_folder(parser, "--run", "Config.checkpoint_dir", "of the training's results")
 
@@ -271,6 +288,51 @@ def _add_folder(
         metavar="FOLDER",
         help=f"{text}; short for {name}",
     )
+
+
+def check_named(args: argparse.Namespace) -> None:
+    """Looks for what flags name before anything that takes time is imported.
+
+    Raises:
+        UserError: a gin file, a scene's folder or a trained run's is not there.
+    """
+    for file in getattr(args, "gin_configs", ()):
+        check_gin_file(file)
+    bindings = getattr(args, "gin_bindings", ())
+    scene = _bound_text("Config.data_dir", bindings)
+    if scene:
+        check_scene(Path(scene))
+    run = _bound_text("Config.checkpoint_dir", bindings)
+    if run and getattr(args, "trained", False) and not Path(run).is_dir():
+        raise no_checkpoint(run)
+
+
+def check_gin_file(file: str) -> None:
+    """Raises a UserError for a gin file that is not there."""
+    if not Path(file).is_file():
+        raise UserError(f"{file}: no such gin file; see configs/")
+
+
+def check_scene(folder: Path) -> None:
+    """Raises a UserError for a scene that is not there."""
+    if not folder.is_dir():
+        raise UserError(f"{folder}: scene folder not found; check Config.data_dir")
+
+
+def no_checkpoint(run: str | Path) -> UserError:
+    """The error of a run that nobody trained."""
+    return UserError(f"{run}: holds no checkpoint; train first, or correct --run")
+
+
+def _bound_text(name: str, bindings: Sequence[str]) -> str:
+    """The plain text that bindings give a name, the last one counts; "" if none."""
+    found = ""
+    for binding in bindings:
+        stated, _, value = binding.partition("=")
+        if stated.strip() == name:
+            with contextlib.suppress(ValueError, SyntaxError):
+                found = str(ast.literal_eval(value.strip()))
+    return found
 
 
 class _Tuple(argparse.Action):

@@ -13,27 +13,43 @@ import sys
 from collections.abc import Callable, Sequence
 from types import FrameType
 
-from internal import process
-from internal.errors import Diverged, UserError
+from internal import flags, process
+from internal.errors import Diverged, UserError, one_line
 
 USER_ERROR_EXIT = 2
 FAILURE_EXIT = 1  # what nobody can fix beforehand, such as a loss that diverges
 
 
 def begin(parser: argparse.ArgumentParser, *, computes: bool = True) -> None:
-    """Answers ``--help`` and wrong flags; a script that computes then starts again,
-    once, with the variables that ``process`` wants."""
-    parser.parse_args()
+    """Answers ``--help``, wrong flags and names of what is not there; a script that
+    computes then starts again, once, with the variables that ``process`` wants."""
+    args = parser.parse_args()
+    try:
+        flags.check_named(args)
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(USER_ERROR_EXIT)
     if computes:
         process.restart_tuned()
 
 
 def run(main: Callable[[Sequence[str]], int]) -> None:
-    """Runs ``main(argv)`` and exits: one line and code 2 for a ``UserError``."""
+    """Runs ``main(argv)`` and exits: one line and code 2 for a ``UserError`` and where
+    memory does not suffice."""
     try:
         code = main(sys.argv[1:])
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
+        code = USER_ERROR_EXIT
+    except (MemoryError, RuntimeError) as error:
+        if not is_out_of_memory(error):
+            raise
+        print(
+            f"error: memory does not suffice ({one_line(error)}); lower "
+            "Train.batch_size to train, Render.chunk to render, or shrink the photos "
+            "with Config.factor",
+            file=sys.stderr,
+        )
         code = USER_ERROR_EXIT
     except Diverged as error:
         print(f"error: {error}", file=sys.stderr)
@@ -43,6 +59,11 @@ def run(main: Callable[[Sequence[str]], int]) -> None:
         code = 128 + signal.SIGINT
     sys.stdout.flush()
     sys.exit(code)
+
+
+def is_out_of_memory(error: Exception) -> bool:
+    """Whether Python, NumPy or XLA (a RuntimeError of its own) could not allocate."""
+    return isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error)
 
 
 def command(*words: object) -> str:

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax
 import pytest
 
 import eval as eval_script
@@ -42,13 +43,13 @@ def exit_code(main, argv, monkeypatch):
 
 def test_a_script_prints_one_line_and_exits_with_two():
     result = subprocess.run(
-        [sys.executable, "train.py", *bindings("Config.data_dir = 'no/such/scene'")],
+        [sys.executable, "train.py", "--scene=configs"],
         cwd=ROOT,
         capture_output=True,
         text=True,
     )
     assert result.returncode == 2
-    assert result.stderr.startswith("error: no/such/scene")
+    assert result.stderr.startswith("error: configs: no scene found")
     assert len(result.stderr.strip().splitlines()) == 1
     assert "Traceback" not in result.stderr
     assert result.stdout.startswith("devices: ")
@@ -116,6 +117,29 @@ def test_divergence_exits_with_one_and_an_interrupt_with_130(monkeypatch, capsys
     assert exit_code(interrupt, [], monkeypatch) == 130
 
 
+XLA = jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory\nallocating 9")
+
+
+@pytest.mark.parametrize("error", [MemoryError(), MemoryError("of NumPy"), XLA])
+def test_too_little_memory_is_one_line_that_says_what_to_lower(
+    error, monkeypatch, capsys
+):
+    def run_out(argv):
+        raise error
+
+    code = exit_code(run_out, [], monkeypatch)
+    assert_one_line(code, "lower Train.batch_size to train, Render.chunk", capsys)
+
+
+def test_an_error_of_ours_is_not_called_memory(monkeypatch):
+    def fail(argv):
+        raise RuntimeError("INTERNAL: a bug")
+
+    monkeypatch.setattr(sys, "argv", ["script"])
+    with pytest.raises(RuntimeError, match="a bug"):
+        script.run(fail)
+
+
 def test_a_light_edit_out_of_range_is_refused(night_run, monkeypatch, capsys):
     argv = [f"--run={night_run}", *bindings("Render.temperature = 10.0")]
     assert exit_code(render_script.main, argv, monkeypatch) == 2
@@ -169,20 +193,35 @@ def test_a_missing_extra_says_what_to_install(program, extra, monkeypatch, capsy
     assert_one_line(code, "run pip install -e '.[", capsys)
 
 
-NAMES = "train eval render view export sweep compare figures study prepare make_scene"
+USES_A_RUN = "eval render view export".split()
+TAKES_A_SCENE = ["train", "sweep", *USES_A_RUN]
+NAMES = [*TAKES_A_SCENE, *"compare figures demo study prepare make_scene".split()]
 
 
-@pytest.mark.parametrize("argv", [["--help"], ["--no-such-flag"]])
-def test_help_and_wrong_flags_are_answered_before_anything_large_is_imported(argv):
+@pytest.mark.parametrize(
+    ("argv", "names", "answer"),
+    [
+        (["--help"], NAMES, ""),
+        (["--no-such-flag"], NAMES, "error: "),
+        (["--gin_configs=no/file.gin"], TAKES_A_SCENE, "no/file.gin: no such gin file"),
+        (["--scene=no/scene"], TAKES_A_SCENE, "no/scene: scene folder not found"),
+        (["--run=no/run"], USES_A_RUN, "no/run: holds no checkpoint"),
+    ],
+)
+def test_what_flags_alone_show_is_answered_before_anything_large_is_imported(
+    argv, names, answer
+):
     """Each script in turn in one process, as ``__main__``."""
     code = f"""
-import runpy, sys
-for name in {NAMES.split()!r}:
+import contextlib, io, runpy, sys
+for name in {names!r}:
     sys.argv = [name + ".py", *{argv!r}]
-    try:
-        runpy.run_path(name + ".py", run_name="__main__")
-    except SystemExit as stop:
-        assert stop.code == {0 if argv == ["--help"] else 2}, (name, stop.code)
+    with contextlib.redirect_stderr(io.StringIO()) as errors:
+        try:
+            runpy.run_path(name + ".py", run_name="__main__")
+        except SystemExit as stop:
+            assert stop.code == {2 if answer else 0}, (name, stop.code)
+    assert {answer!r} in errors.getvalue(), (name, errors.getvalue())
     large = {{"jax", "flax", "pycolmap", "numpy", "gin"}} & sys.modules.keys()
     assert not large, (name, large)
 """

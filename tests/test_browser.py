@@ -6,6 +6,7 @@ and light. All tests share a browser, a viewer and its first page.
 """
 
 import csv
+import dataclasses
 import json
 import shutil
 import types
@@ -308,7 +309,7 @@ def test_newer_checkpoints_are_shown_as_training_goes_on(viewer, run):
     config = load_config([], [*bindings(run.scene), own])
     _, state = load_trained(config, parallel.data_mesh(jax.device_count()))
     with Checkpoints(run.folder, kept=3) as checkpoints:
-        checkpoints.save(state.replace(step=state.step + 3))
+        checkpoints.save(dataclasses.replace(state, step=state.step + 3))
     until(lambda: viewer.frames[-1].step == 9, "the newer checkpoint")
 
 

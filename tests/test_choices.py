@@ -126,7 +126,7 @@ def twins(tmp_path_factory) -> list[Scene]:
         (folder / "masks").mkdir()
         for photo, mask, name in zip(own, masks, world.names, strict=True):
             shown = np.where(mask[..., None], photo, rubbish)
-            image_io.write(folder / "images" / name, np.float32(shown))
+            image_io.write(folder / "images" / name, np.asarray(shown, np.float32))
             white = np.repeat(mask[..., None], 3, -1).astype(np.float32)
             image_io.write(folder / "masks" / name, white)
         scenes.append(load_scene(SceneConfig(str(folder), unrounded=True), "train"))
@@ -154,11 +154,12 @@ def test_training_is_the_same_whatever_is_under_the_masks(twins):
     for scene in twins:
         arguments = (scene.images, scene.gains, scene.cameras, mesh, config)
         pixels = sampler.pixel_source(*arguments, scene.masks)(0)
-        state = begun
+        state, stats = begun, None
         for _ in range(config.train.max_steps):
             state, stats = step(state, *inputs, pixels)
         trained.append((state, stats))
     chex.assert_trees_all_equal(*trained)
+    state, _ = trained[-1]
     assert int(state.step) == config.train.max_steps > config.train.enhance_start
 
 

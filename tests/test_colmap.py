@@ -49,7 +49,9 @@ def pycolmap_projection(lens: Lens, opengl: np.ndarray) -> np.ndarray:
     camera = pycolmap.Camera(
         model=lens.model, width=lens.width, height=lens.height, params=lens.params
     )
-    return camera.img_from_cam(opengl.astype(np.float64) * [1, -1, -1])
+    pixels = camera.img_from_cam(opengl.astype(np.float64) * [1, -1, -1])
+    assert pixels is not None
+    return pixels
 
 
 def test_every_model_of_colmap_is_covered():

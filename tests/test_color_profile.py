@@ -18,8 +18,9 @@ STORED = COLORS.astype(np.float32) / 255.0
 def by_little_cms(picture: Image.Image, icc: bytes) -> np.ndarray:
     srgb = ImageCms.createProfile("sRGB")
     file = io.BytesIO(icc)
+    intent = ImageCms.Intent.RELATIVE_COLORIMETRIC
     done = ImageCms.profileToProfile(
-        picture, file, srgb, renderingIntent=1, outputMode="RGB"
+        picture, file, srgb, renderingIntent=intent, outputMode="RGB"
     )
     return np.asarray(done).astype(float)
 

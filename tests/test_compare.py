@@ -266,6 +266,7 @@ class TestFigures:
             (["--scene", "other"], "no scene other; has scene"),
             (["--methods", "yours"], "no row 'yours'; it has mine"),
             (["--renderings-only"], "no rendering to show"),
+            (["--columns", "0"], "--columns"),
         ],
     )
     def test_what_is_not_there_is_one_line(self, arguments, complaint):

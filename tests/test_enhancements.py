@@ -137,7 +137,9 @@ def test_a_stop_doubles_the_light_of_gamma_and_comes_before_the_shoulder_of_tone
     network, params = applied(TONE)
     level = level_of()
     brighter = linear_to_srgb(2.0 * srgb_to_linear(level.rgb))
-    expected = network.apply(params, level.replace(rgb=brighter), NEUTRAL).enhanced
+    expected = network.apply(
+        params, dataclasses.replace(level, rgb=brighter), NEUTRAL
+    ).enhanced
     got = rendering_of(TONE, Look(exposure=1.0)).enhanced
     np.testing.assert_allclose(got, expected, rtol=1e-4)
     assert jnp.all(rendering_of(TONE, Look(exposure=9.0)).enhanced < 1.0)

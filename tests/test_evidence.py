@@ -28,7 +28,7 @@ SPACE = Unbounded(np.float32(0.1), np.float32(FAR))
 PLACES = (-0.3, 0.0, 0.3)
 DARKEST, LIT = 1 / 255, 80 / 255  # of the wall: right and left of x = 0
 ONE_LEVEL = (1 / (255 * 12.92)) ** 2  # variance of a level at black
-NOISE = Noise((ONE_LEVEL,) * 3, (0.0,) * 3)
+NOISE = Noise((ONE_LEVEL, ONE_LEVEL, ONE_LEVEL), (0.0, 0.0, 0.0))
 
 
 def stand(x, yaw=0.0):
@@ -52,7 +52,7 @@ def render(camtoworld, wall=-4.0):
     return rendering, points.reshape(shape), hidden.reshape(shape[:2])
 
 
-def witnesses(places=PLACES, wall=-4.0, noise=NOISE, mask=ALL):
+def witnesses(places=PLACES, wall=-4.0, noise=NOISE, mask: np.ndarray = ALL):
     cameras = tuple(
         evidence.witness(SPACE, FAR, LENS, stand(x), render(stand(x), wall)[0], mask)
         for x in places
@@ -125,7 +125,7 @@ def test_four_times_the_photos_or_half_the_noise_are_twice_the_steps():
 
 def test_photos_without_noise_still_round():
     # Rounding alone has variance 1/12, so level 1 is sqrt(12) of its deviations.
-    silent = Noise((0.0,) * 3, (0.0,) * 3)
+    silent = Noise((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     found = witnesses((0.0,), noise=silent).testify(
         LENS, stand(0.0), render(stand(0.0))[0]
     )

@@ -8,6 +8,8 @@ colours are is known exactly.
 import dataclasses
 import json
 import resource
+from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -26,7 +28,12 @@ from internal.errors import UserError
 from internal.export import bake, shapes, splat_files
 from internal.export import folder as export_folder
 from internal.export.density import from_field_space, normals, to_field_space
-from internal.export.sightings import mean_colors
+from internal.export.sightings import (
+    between_views,
+    look_around,
+    mean_colors,
+    undistorted,
+)
 from internal.files import image_io
 from internal.models import Model
 from internal.parallel import data_mesh
@@ -93,9 +100,14 @@ def ball_mesh():
     return shapes.face_outwards(shapes.Mesh(vertices, faces, colors), vertices)
 
 
+def read_shape(path: Path, **options: Any) -> Any:
+    """What trimesh reads; its types do not say of which kind."""
+    return trimesh.load(path, **options)
+
+
 def test_marching_cubes_of_a_ball_is_the_ball(tmp_path):
     shapes.write_mesh(tmp_path / "ball.glb", ball_mesh())
-    opened = trimesh.load(tmp_path / "ball.glb", force="mesh")
+    opened = read_shape(tmp_path / "ball.glb", force="mesh")
     radii = np.linalg.norm(opened.vertices, axis=-1)
     np.testing.assert_allclose(radii, RADIUS, atol=0.01)
     merged = trimesh.Trimesh(opened.vertices, opened.faces)
@@ -123,7 +135,7 @@ def test_a_cloud_is_opened_with_colours_and_normals(tmp_path):
     points, colors = rng.random((20, 3)), rng.integers(0, 255, (20, 3)).astype("u1")
     cloud = shapes.Cloud(points, np.tile([0.0, 0.6, 0.8], (20, 1)), colors)
     shapes.write_cloud(tmp_path / "cloud.ply", cloud)
-    opened = trimesh.load(tmp_path / "cloud.ply")
+    opened = read_shape(tmp_path / "cloud.ply")
     assert isinstance(opened, trimesh.PointCloud)
     np.testing.assert_allclose(opened.vertices, points, atol=1e-6)
     np.testing.assert_array_equal(opened.colors[:, :3], colors)
@@ -141,7 +153,7 @@ def scene(request, tmp_path_factory):
 
 def ball_in(scene):
     """A ball where the cameras look, as the renderer and the field would see it."""
-    ours = export_folder.undistorted(scene)
+    ours = undistorted(scene)
     facing = isinstance(ours.space, ForwardFacing)
     scale = ours.model_from_world.scale
     target = np.array([0.0, 0.0, -5.0] if facing else [1.0, 2.0, 3.0])
@@ -154,7 +166,7 @@ def ball_in(scene):
         return 100.0 / (1.0 + np.exp(-np.clip(60.0 * inside / radius, -50.0, 50.0)))
 
     def render(camera):
-        lens, pose = ours.lenses[0], np.float64(camera.camtoworlds[0])
+        lens, pose = ours.lenses[0], np.asarray(camera.camtoworlds[0], float)
         rays = colmap.lens_directions(lens).astype(float) @ pose[:, :3].T
         to_middle = middle - pose[:, 3]
         a, b = (rays**2).sum(-1), rays @ to_middle
@@ -181,8 +193,8 @@ def exported(scene, tmp_path_factory):
 def export_ball(scene, tmp_path_factory):
     ours, density, render, middle, radius = ball_in(scene)
     folder = tmp_path_factory.mktemp("export")
-    sightings = export_folder.look_around(ours, render)
-    between = export_folder.look_around(export_folder.between_views(ours), render)
+    sightings = look_around(ours, render)
+    between = look_around(between_views(ours), render)
     wanted = export_folder.Wanted(points=500, resolution=48, splats=400, look="both")
     facts = export_folder.write_all(folder, ours, sightings, between, density, wanted)
     world = ours.model_from_world.inverse()
@@ -192,12 +204,12 @@ def export_ball(scene, tmp_path_factory):
 
 def test_the_cloud_and_the_mesh_lie_on_the_ball_in_the_users_frame(exported):
     folder, _, facts, centre, radius, _ = exported
-    cloud = trimesh.load(folder / "points.ply")
+    cloud = read_shape(folder / "points.ply")
     assert 50 < len(cloud.vertices) == facts["points"] <= 500
     apart = np.linalg.norm(cloud.vertices - centre, axis=-1)
     np.testing.assert_allclose(apart, radius, rtol=0.02)
     for name in ("mesh.ply", "mesh.glb"):
-        mesh = trimesh.load(folder / name, force="mesh")
+        mesh = read_shape(folder / name, force="mesh")
         assert len(mesh.faces) == facts["triangles"] > 100
         apart = np.linalg.norm(mesh.vertices - centre, axis=-1)
         np.testing.assert_allclose(apart, radius, rtol=0.1)
@@ -273,8 +285,8 @@ def test_a_disk_that_fills_up_leaves_no_part_of_a_file(tmp_path, write):
 
 
 def test_between_two_views_is_half_way(scene):
-    ours = export_folder.undistorted(scene)
-    between = export_folder.between_views(ours)
+    ours = undistorted(scene)
+    between = between_views(ours)
     centres = np.asarray(ours.cameras.camtoworlds)[:, :, 3]
     assert len(between.lenses) == len(between.cameras)
     assert len(between.cameras) > 0 or isinstance(ours.space, Unbounded)
@@ -287,7 +299,7 @@ def test_between_two_views_is_half_way(scene):
 
 
 def test_views_back_to_back_have_nothing_between_them(scene):
-    ours = export_folder.undistorted(scene)
+    ours = undistorted(scene)
     cameras = ours.cameras.take(np.array([0, 0]))
     turned = np.array(cameras.camtoworlds)
     turned[1, :, [0, 2]] *= -1.0
@@ -296,12 +308,12 @@ def test_views_back_to_back_have_nothing_between_them(scene):
         lenses=ours.lenses[:2],
         cameras=dataclasses.replace(cameras, camtoworlds=turned),
     )
-    assert len(export_folder.between_views(pair).cameras) == 0
+    assert len(between_views(pair).cameras) == 0
 
 
 def test_normals_of_the_cloud_are_those_of_the_ball(exported):
     folder, _, _, centre, radius, _ = exported
-    cloud = trimesh.load(folder / "points.ply")
+    cloud = read_shape(folder / "points.ply")
     data = cloud.metadata["_ply_raw"]["vertex"]["data"]
     found = np.stack([data[n].reshape(-1) for n in ("nx", "ny", "nz")], axis=-1)
     expected = (cloud.vertices - centre) / radius
@@ -324,7 +336,7 @@ def test_the_dataset_is_read_back_as_the_same_cameras_and_lit_pictures(exported)
         for image, sighting in zip(again.images, sightings, strict=True):
             np.testing.assert_allclose(image / 257.0, sighting.srgb, atol=0.01)
     model = colmap.read_model(folder / "dataset" / "sparse" / "0")
-    assert len(model.points) == len(trimesh.load(folder / "points.ply").vertices)
+    assert len(model.points) == len(read_shape(folder / "points.ply").vertices)
 
 
 def test_the_dataset_keeps_the_rules_of_the_tools_it_is_for(exported):
@@ -364,7 +376,7 @@ def test_the_dataset_keeps_the_rules_of_the_tools_it_is_for(exported):
         *(f"property uchar {name}" for name in ("red", "green", "blue")),
     ]
     assert len(body) == 15 * count > 0
-    again = trimesh.load(folder / content["ply_file_path"])
+    again = read_shape(folder / content["ply_file_path"])
     model = colmap.read_model(folder / "sparse" / "0")
     np.testing.assert_allclose(
         np.sort(again.vertices, axis=0), np.sort(model.points, axis=0), atol=1e-5
@@ -391,7 +403,7 @@ def in_world(scene):
 
 def test_a_point_behind_a_surface_is_not_seen(scene):
     ours, _, render, middle, _ = ball_in(scene)
-    sightings = export_folder.look_around(ours, render)
+    sightings = look_around(ours, render)
     counts, _ = mean_colors(middle[None], sightings)
     assert counts[0] == 0
 
@@ -403,7 +415,7 @@ def test_a_model_without_a_surface_is_refused(scene, tmp_path):
         rendering = render(camera)
         return dataclasses.replace(rendering, depth=rendering.depth * 0 + 1e3)
 
-    sightings = export_folder.look_around(ours, see_nothing)
+    sightings = look_around(ours, see_nothing)
     with pytest.raises(UserError, match="knows no shape yet"):
         wanted = export_folder.Wanted(points=10, resolution=8)
         export_folder.write_all(tmp_path, ours, sightings, [], density, wanted)

@@ -2,6 +2,8 @@
 """Fields behind one interface: each one renders and learns; the fast one is fast
 for the right reasons."""
 
+from typing import Any
+
 import chex
 import jax
 import jax.numpy as jnp
@@ -68,7 +70,8 @@ def test_a_proposal_does_not_learn_through_the_places_it_chose(tiny_cameras, ndc
     model, params, rays = grid_and_rays(tiny_cameras, ndc)
 
     def middles(params):
-        edges = model.apply(params, rays, ndc, method="march").last.s_edges
+        levels: Any = model.apply(params, rays, ndc, method="march")
+        edges = levels.last.s_edges
         return jnp.sum(edges[:, 1:-1] ** 2)
 
     gradients = jax.tree.leaves(jax.jit(jax.grad(middles))(params))

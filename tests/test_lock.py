@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The lock pins what pyproject.toml asks for, and says nothing of where it is from."""
 
+import itertools
 import tomllib
 from pathlib import Path
 
@@ -15,8 +16,8 @@ def test_every_dependency_is_pinned_to_a_version_that_pyproject_allows() -> None
     pins = dict(line.split("==") for line in lines)
     versions = {canonicalize_name(name): version for name, version in pins.items()}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    groups = project["optional-dependencies"].values()
-    for line in sum(groups, project["dependencies"]):
+    extras = project["optional-dependencies"].values()
+    for line in itertools.chain(project["dependencies"], *extras):
         wanted = Requirement(line)
         version = versions[canonicalize_name(wanted.name)]
         assert wanted.specifier.contains(version), f"make lock: {line} is not {version}"

@@ -2,6 +2,7 @@
 """Masked pixels are in nothing that is trained or scored, wherever a scene says so."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from tests.scene_writers import (
 )
 
 WORLD = facing_world()
-BOUNDS = {"near": 2.5, "far": 7.0}
+BOUNDS: dict[str, Any] = {"near": 2.5, "far": 7.0}
 COUNTED = np.zeros((18, 24), bool)
 COUNTED[6:, 8:] = True
 
@@ -120,13 +121,17 @@ def test_transparent_pixels_are_masked_but_empty_in_blenders_scenes(tmp_path):
     for write, folder in ((write_llff, "images"), (write_blender, "low")):
         write(tmp_path / folder, WORLD)
         rgba = np.concatenate([flat_picture(9.0), alpha[..., None]], -1)
-        image_io.write(tmp_path / folder / folder / "01.png", np.float32(rgba))
+        image_io.write(
+            tmp_path / folder / folder / "01.png", np.asarray(rgba, np.float32)
+        )
         scene = load(tmp_path / folder)
         if folder == "images":
             np.testing.assert_array_equal(scene.mask(0), COUNTED)
         else:
             assert scene.masks == () and scene.images[0][5, 3].max() > 2000
-    image_io.write(tmp_path / "images/images/01.png", np.float32(rgba * 0 + 1))
+    image_io.write(
+        tmp_path / "images/images/01.png", np.asarray(rgba * 0 + 1, np.float32)
+    )
     assert load(tmp_path / "images").masks == ()
 
 
@@ -200,11 +205,12 @@ def test_a_darkened_scene_keeps_its_masks(tmp_path, jpeg_quality):
     rgba = np.concatenate([flat_picture(90.0), opaque], -1)
     image_io.write(bright / "images" / "03.png", rgba)
     darken.darken(bright, dark, CaptureModel(), jpeg_quality=jpeg_quality)
-    for scene in map(load, (bright, dark)):
+    scenes = [load(folder) for folder in (bright, dark)]
+    for scene in scenes:
         assert list(scene.masked) == ["02.png", "03.png"]
         np.testing.assert_array_equal(scene.mask(1), COUNTED)
         np.testing.assert_array_equal(scene.mask(2), COUNTED[::-1])
-    assert scene.truth
+    assert scenes[-1].truth
 
 
 def test_a_filled_pixel_is_the_nearest_that_counts():
@@ -263,10 +269,10 @@ def test_a_scene_knows_nothing_of_what_is_under_its_masks(tmp_path, factor):
         write_llff(folder, WORLD)
         for i, name in enumerate(WORLD.names):
             photo = np.where(counted[..., None], own[i], rubbish)
-            image_io.write(folder / "images" / name, np.float32(photo))
+            image_io.write(folder / "images" / name, np.asarray(photo, np.float32))
             bright = np.where(counted[..., None], 3 * own[i], rubbish)
             (folder / "gt").mkdir(exist_ok=True)
-            image_io.write(folder / "gt" / name, np.float32(bright))
+            image_io.write(folder / "gt" / name, np.asarray(bright, np.float32))
             write_mask(folder / "masks" / name, counted)
         scenes.append(load(folder, factor=factor, unrounded=True))
     first, second = scenes
@@ -280,7 +286,7 @@ def test_a_scene_knows_nothing_of_what_is_under_its_masks(tmp_path, factor):
 
 def test_the_noise_is_that_of_the_photo_without_what_is_masked(tmp_path):
     rng = np.random.default_rng(0)
-    photo = np.float32(rng.normal(0.3, 0.02, (160, 200, 3)))
+    photo = np.asarray(rng.normal(0.3, 0.02, (160, 200, 3)), np.float32)
     photo[:80] = 0.1
     for name, rows in (("all", photo), ("part", photo[80:])):
         image_io.write(tmp_path / f"{name}.png", rows)

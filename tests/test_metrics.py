@@ -172,7 +172,7 @@ def test_no_score_knows_what_is_under_a_mask(seed):
     found = []
     for _ in range(2):
         lit, dark, truth = (
-            _with(mask, picture, np.float32(rng.random((*size, 3)) ** 3))
+            _with(mask, picture, np.asarray(rng.random((*size, 3)) ** 3, np.float32))
             for picture in pictures
         )
         rendering = Rendering(jnp.asarray(dark), jnp.ones((*size, 1)))

@@ -35,7 +35,8 @@ def points_in_section(t0, t1, radius, cone, count=400_000):
 def test_gaussian_has_the_moments_of_the_section(cone, ends):
     section = mip.conical_frustum_to_gaussian if cone else mip.cylinder_to_gaussian
     moments = section(*(jnp.float32(x) for x in (*ends, 0.05)))
-    t, x = points_in_section(*ends, 0.05, cone)
+    near, far = ends
+    t, x = points_in_section(near, far, 0.05, cone)
     expected = (t.mean(), t.var(), x.var())
     np.testing.assert_allclose(moments, expected, rtol=0.02)
 

@@ -51,7 +51,7 @@ def test_captures_of_a_colour_average_to_its_expected_photo(light):
 
 
 def test_without_noise_photos_show_colours_to_a_small_part_of_a_level():
-    observe = noise.expected_photo(Noise((0.0,) * 3, (0.0,) * 3))
+    observe = noise.expected_photo(Noise((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
     colours = jnp.tile(jnp.linspace(0.0, 1.0, 1000)[:, None], 3)
     np.testing.assert_allclose(observe(colours), colours, atol=0.07 / 255.0)
 
@@ -116,7 +116,7 @@ def test_photos_without_noise_or_too_small_to_tell_have_none(tmp_path):
     found = noise.noise_of_files([tmp_path / "all.png"])
     assert max(found.floor) < (0.1 * LEVEL) ** 2
     tiny = noise.noise_of_files([tmp_path / "corner.png"])
-    assert tiny == Noise((0.0,) * 3, (0.0,) * 3)
+    assert tiny == Noise((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def test_the_noise_level_of_a_flat_picture_is_its_deviation():
@@ -125,7 +125,7 @@ def test_the_noise_level_of_a_flat_picture_is_its_deviation():
 
 
 def test_the_run_folder_says_what_noise_was_found(tmp_path, capsys):
-    noise.record(tmp_path, Noise((LEVEL**2,) * 3, (1e-4,) * 3))
+    noise.record(tmp_path, Noise((LEVEL**2, LEVEL**2, LEVEL**2), (1e-4, 1e-4, 1e-4)))
     assert "1.00, 1.00, 1.00 levels at black" in capsys.readouterr().out
     written = json.loads((tmp_path / "noise.json").read_text())
     assert written["growth"] == [1e-4] * 3

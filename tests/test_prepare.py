@@ -211,6 +211,22 @@ def test_check_accepts_right_poses_and_refuses_wrong_ones(scene, tmp_path, capsy
     assert "the poses are wrong" in (page / "index.html").read_text()
 
 
+def test_a_scene_without_points_is_checked_on_points_of_its_photos(
+    scene, tmp_path, capsys
+):
+    bare = tmp_path / "bare"
+    shutil.copytree(scene, bare, ignore=shutil.ignore_patterns("sparse", "report"))
+    edit_json(bare / "transforms.json", lambda c: c.pop("ply_file_path", None))
+    assert prepare_script.main(["--check", str(bare)]) == 0
+    report = json.loads((bare / "report/report.json").read_text())
+    assert report["points"] > 12 * VIEWS
+    assert "no points under these poses" not in capsys.readouterr().out
+    for photo in (bare / "images").rglob("*.*"):
+        image_io.write(photo.with_suffix(".png"), flat_picture(9.0, 240, 180))
+    prepare_script.main(["--check", str(bare)])
+    assert "no points under these poses" in capsys.readouterr().out
+
+
 def test_two_scenes_are_told_apart(tmp_path, only_first_way):
     folder = tmp_path / "photos"
     write_room(folder, 4)

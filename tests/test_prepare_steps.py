@@ -442,10 +442,10 @@ def test_photos_at_two_zooms_do_not_share_a_lens_and_one_without_the_film_tag_ne
 
 def test_heic_photos_become_png_and_their_jpeg_twin_is_one_shot(tmp_path):
     pytest.importorskip("pillow_heif").register_heif_opener()
-    for i in range(4):
-        picture = Image.new("RGB", (64, 48), (40 + 20 * i, 30, 20))
+    pictures = [Image.new("RGB", (64, 48), (40 + 20 * i, 30, 20)) for i in range(4)]
+    for i, picture in enumerate(pictures):
         picture.save(tmp_path / f"{i}.heic", quality=90)
-    picture.save(tmp_path / "3.JPG")
+    pictures[3].save(tmp_path / "3.JPG")
     found = find_photos(tmp_path, tmp_path / NOTES)
     assert [p.scene_name for p in found.photos] == ["0.png", "1.png", "2.png", "3.JPG"]
     assert found.rejected[0].reason.startswith("the same shot as 3.JPG")

@@ -384,7 +384,7 @@ class TestTransforms:
         [
             ({"k4": 0.01}, "k4 of .* no such term"),
             ({"camera_angle_x": 60.0, "fl_x": None}, "radians"),
-            ({"test_filenames": ["images/none.png"]}, "test views"),
+            ({"test_filenames": ["images/none.png"]}, "test_filenames"),
         ],
     )
     def test_what_would_be_misread_is_refused(self, tmp_path, change, message):

@@ -5,6 +5,7 @@ says what is wrong where it cannot."""
 import dataclasses
 import os
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -45,9 +46,10 @@ from tests.scene_writers import (
 
 DATA = Path(os.environ.get("LLNERF_DATA", Path(__file__).parents[2] / "shared/data"))
 WORLD = facing_world()
-OPPOSITE = World(np.stack([np.eye(3, 4), np.diag([-1, 1, -1]) @ np.eye(3, 4)]), [])
+TURNED = np.stack([np.eye(3, 4), np.diag([-1, 1, -1]) @ np.eye(3, 4)])
+OPPOSITE = World(TURNED, np.zeros((0, 3)))
 MOVE = (3.7, random_rotation(), np.array([1.0, -2.0, 5.0]))
-BOUNDS = {"near": 2.5, "far": 7.0}
+BOUNDS: dict[str, Any] = {"near": 2.5, "far": 7.0}
 
 
 def load(folder: Path, split: str = "train", **options) -> Scene:
@@ -91,6 +93,7 @@ class TestFormatsAgree:
         for scene in scenes:
             assert scene.format in ("blender", "nerfstudio", "llff", "colmap")
             assert scene.view_names == tuple(WORLD.names[1:])
+            assert isinstance(scene.space, ForwardFacing)
             np.testing.assert_allclose(scene.space.scale, [40 / 24, 40 / 18])
             for ours, theirs in zip(rays(scene), expected, strict=True):
                 np.testing.assert_allclose(ours, theirs, atol=2e-5)
@@ -383,6 +386,7 @@ class TestPictures:
         (lens,) = set(scene.lenses)
         assert (lens.model, lens.width, lens.height) == ("PINHOLE", 6, 4)
         np.testing.assert_allclose(lens.params, [5.0, 20 * 4 / 18, 3.0, 2.0])
+        assert isinstance(scene.space, ForwardFacing)
         np.testing.assert_allclose(scene.space.scale, [40 / 24, 40 / 18], rtol=1e-6)
 
     @pytest.mark.parametrize("factor", [0, 19])

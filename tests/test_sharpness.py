@@ -13,7 +13,7 @@ PLACES = np.random.default_rng(1).uniform(16, 80, (60, 2))
 
 def texture(seed=0):
     noise = np.random.default_rng(seed).normal(size=(SIDE, SIDE))
-    return np.float32(0.5 + ndimage.gaussian_filter(noise, 1.5))
+    return np.asarray(0.5 + ndimage.gaussian_filter(noise, 1.5), np.float32)
 
 
 def moved(copy, pixels, degrees):

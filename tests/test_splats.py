@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Splats: the rasterizer against a naive one, the files against their formats."""
 
+import dataclasses
 import json
 import struct
 
@@ -24,9 +25,11 @@ from internal.export.splats import (
 from internal.poses import Similarity
 
 CAMERA = Pinhole(
-    np.float32([[1, 0, 0, 0.1], [0, 0, -1, -0.2], [0, 1, 0, 0.3]]),  # looks along +y
-    np.float32([30.0, 28.0]),
-    np.float32([14.0, 9.5]),
+    np.asarray(
+        [[1, 0, 0, 0.1], [0, 0, -1, -0.2], [0, 1, 0, 0.3]], np.float32
+    ),  # looks along +y
+    np.asarray([30.0, 28.0], np.float32),
+    np.asarray([14.0, 9.5], np.float32),
     np.float32(0.2),
     27,
     19,
@@ -42,11 +45,11 @@ def some_splats(count=60, degree=1, seed=0):
     quaternions /= np.linalg.norm(quaternions, axis=-1, keepdims=True)
     harmonics = rng.normal(scale=0.5, size=(count, (degree + 1) ** 2, 3))
     return Splats(
-        np.float32(local @ rotation.T + origin),
-        np.float32(quaternions),
-        np.float32(rng.uniform(-4.0, -1.5, (count, 3))),
-        np.float32(rng.normal(size=count)),
-        np.float32(harmonics),
+        np.asarray(local @ rotation.T + origin, np.float32),
+        np.asarray(quaternions, np.float32),
+        np.asarray(rng.uniform(-4.0, -1.5, (count, 3)), np.float32),
+        np.asarray(rng.normal(size=count), np.float32),
+        np.asarray(harmonics, np.float32),
     )
 
 
@@ -121,7 +124,7 @@ def dense_loss(splats, weights):
 def test_gradients_are_those_of_autodiff():
     splats = jax.tree.map(jnp.asarray, some_splats(40))
     rng = np.random.default_rng(1)
-    weights = np.float32(rng.normal(size=(CAMERA.height, CAMERA.width, 3)))
+    weights = np.asarray(rng.normal(size=(CAMERA.height, CAMERA.width, 3)), np.float32)
     expected = jax.jit(jax.grad(dense_loss))(splats, weights.reshape(-1, 3))
     found = rasterizer.gradient(splats, CAMERA, lambda picture: weights)
     for name in ("points", "log_scales", "opacity_logits", "harmonics"):
@@ -235,8 +238,10 @@ def test_splats_in_another_frame_look_the_same_from_the_same_place():
     splats = some_splats()
     rotation = Rotation.from_rotvec([0.5, -0.8, 0.3]).as_matrix()
     similarity = Similarity(2.5, rotation, np.array([1.0, -2.0, 0.5]))
-    (moved,) = similarity.poses(CAMERA.camtoworld[None])
-    camera = CAMERA.replace(camtoworld=np.float32(moved), near=np.float32(0.5))
+    (moved,) = similarity.poses(np.asarray(CAMERA.camtoworld)[None])
+    camera = dataclasses.replace(
+        CAMERA, camtoworld=np.asarray(moved, np.float32), near=np.float32(0.5)
+    )
     expected, _ = rasterizer.render(splats, CAMERA)
     found, _ = rasterizer.render(carry_over(splats, similarity), camera)
     np.testing.assert_allclose(found, expected, atol=2e-3)
@@ -259,9 +264,13 @@ def test_a_disc_lies_in_its_surface():
 def test_first_splats_make_a_surface_opaque_and_no_more(width):
     """One splat per cell before a camera at distance 1 whose pixels are 0.01 wide."""
     camera = Pinhole(
-        np.float32(np.eye(4)[:3]), np.float32([100.0, 100.0]), np.float32([8.0, 8.0]),
-        np.float32(0.1), 16, 16,
-    )  # fmt: skip
+        np.eye(3, 4, dtype=np.float32),
+        np.full(2, 100.0, np.float32),
+        np.full(2, 8.0, np.float32),
+        np.float32(0.1),
+        16,
+        16,
+    )
     steps = np.arange(-0.16, 0.16, 0.01 * width)
     points = np.stack(np.meshgrid(steps, steps, [-1.0]), axis=-1).reshape(-1, 3)
     facing = np.tile([0.0, 0.0, 1.0], (len(points), 1))
@@ -295,7 +304,7 @@ def test_thinning_keeps_to_its_count_and_to_the_surface(count):
 def test_fitting_comes_nearer_to_the_pictures_and_touches_what_it_may():
     truth = some_splats(30, degree=0)
     target = bake.Target(CAMERA, rasterizer.render(truth, CAMERA)[0])
-    first = truth.replace(harmonics=np.zeros_like(truth.harmonics))
+    first = dataclasses.replace(truth, harmonics=np.zeros_like(truth.harmonics))
 
     def error(splats):
         return np.mean((rasterizer.render(splats, CAMERA)[0] - target.srgb) ** 2)

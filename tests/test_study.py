@@ -37,7 +37,9 @@ def methods(tmp_path):
 
 def embedded_study(folder):
     text = (folder / "index.html").read_text()
-    return json.loads(re.search(r"const study = (\{.*\});", text)[1])
+    found = re.search(r"const study = (\{.*\});", text)
+    assert found is not None
+    return json.loads(found[1])
 
 
 def test_the_page_pairs_the_first_method_with_every_other(tmp_path, methods):

@@ -34,8 +34,8 @@ def make_run(
     state = parallel.replicate(training.initial_state(config, model), mesh)
 
     def run(state, steps):
-        stats = None
-        for _ in range(steps):
+        state, stats = step(state, *fixed)
+        for _ in range(steps - 1):
             state, stats = step(state, *fixed)
         return state, stats
 

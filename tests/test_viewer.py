@@ -20,6 +20,8 @@ import viser
 import websockets.sync.client
 from hypothesis import given
 from hypothesis import strategies as st
+from viser import _messages
+from viser.infra import ClientId
 
 from internal.cameras import Lens
 from internal.configs import Config, ModelConfig, load_config
@@ -35,14 +37,14 @@ from internal.rendering.evidence import EVIDENCE, LEGEND
 from internal.rendering.pictures import display_for, outputs_of
 from internal.scene.colmap import lens_directions
 from internal.scene.config import SceneConfig
-from internal.scene.scene import load_scene
+from internal.scene.scene import Scene, load_scene
 from internal.structs import LitRendering
 from internal.viewer import takes
 from internal.viewer.canvas import PHOTO, Choice, draw, photo_through
 from internal.viewer.free_camera import PIXELS, FreeCamera, single_camera, vertical_fov
 from internal.viewer.gate import Gate, fits
 from internal.viewer.inquiry import Inquiry
-from internal.viewer.jobs import Job, Speedometer, Task
+from internal.viewer.jobs import Job, Runnable, Speedometer, Task
 from internal.viewer.panel import is_double
 from internal.viewer.server import Server
 from internal.viewer.session import Session
@@ -90,7 +92,7 @@ class FixedSpeed(Speedometer):
 class FakeStudio(Studio):
     """Renders constant pictures, and remembers the edits it was asked for."""
 
-    def __init__(self, scene):
+    def __init__(self, scene: Scene):
         self.scene, self.turns = scene, Turns()
         self.draft_speed = self.final_speed = FixedSpeed(1.0)
         self._config = Config()
@@ -176,7 +178,7 @@ def test_a_camera_that_stays_computes_nothing_anew(studio, page):
 
 
 def test_a_frame_knows_what_is_in_its_middle(studio, page):
-    near, far = np.float32([0.1, 8.0])
+    near, far = np.asarray([0.1, 8.0], np.float32)
     studio.scene = dataclasses.replace(studio.scene, space=Unbounded(near, far))
     place = POSE + np.array([0.0, 0, 0, 3.0])
     page.session.stand(dataclasses.replace(CAMERA, camtoworld=place))
@@ -374,21 +376,34 @@ def test_a_photo_in_a_wider_window_has_black_beside_it():
     assert (seen[:, :12] == 0.0).all() and (seen[:, 36:] == 0.0).all()
 
 
+@dataclasses.dataclass(frozen=True)
+class Logged(Runnable):
+    """Work that notes its name at every step."""
+
+    log: list[str]
+    name: str
+    how_urgent: int
+
+    def urgency(self) -> int:
+        return self.how_urgent
+
+    def step(self) -> None:
+        self.log.append(self.name)
+
+    def failed(self, error: Exception) -> None:
+        raise error
+
+
 def test_sessions_with_work_take_turns_and_a_first_picture_goes_before(studio):
     log = []
 
-    def runnable(name, urgency):
-        return types.SimpleNamespace(
-            urgency=lambda: urgency, step=lambda: log.append(name), failed=log.append
-        )
-
     turns = Turns()
     for name, urgency in (("a", 1), ("idle", 0), ("b", 1)):
-        turns.join(runnable(name, urgency))
+        turns.join(Logged(log, name, urgency))
     for _ in range(4):
         turns.take_one()
     assert log == ["a", "b", "a", "b"]
-    turns.join(runnable("first", 2))
+    turns.join(Logged(log, "first", 2))
     turns.take_one()
     assert log[-1] == "first"
 
@@ -549,43 +564,30 @@ def test_a_page_of_another_origin_is_sent_away(studio, server):
     assert first_answer(server.address) is not None
 
 
-@pytest.fixture
-def controls():
-    """What handles say of the controls they stand for."""
-
-    def control(kind, value, **properties):
-        handle = kind.__new__(kind)
-        vars(handle)["_impl"] = types.SimpleNamespace(
-            value=value, props=types.SimpleNamespace(**properties), removed=False
-        )
-        return handle
-
-    return {
-        "slider": control(viser.GuiSliderHandle, 0.5, min=-1.0, max=2.0),
-        "choice": control(viser.GuiDropdownHandle, "a", options=("a", "b")),
-        "mark": control(viser.GuiCheckboxHandle, True),
-        "name": control(viser.GuiTextHandle, "path"),
+def test_a_control_takes_what_its_page_can_send(server):
+    wanted = {
+        "Exposure": ([1, -4.0, 0.1], [4.1, -1e300, True, "1", [1.0], None]),
+        "Frames": ([2, 9], [1, 10**9, "9", None]),
+        "Pixels": (list(PIXELS), ["1 x 1", 0, ["200 x 150"], None]),
+        "Show photos": ([False], [1, "no", None]),
+        "Name": (["x", "../x"], [b"x", 5, None]),
+        "Snapshot": ([True, None], []),
     }
-
-
-@pytest.mark.parametrize(
-    ("name", "good", "bad"),
-    [
-        ("slider", [1, -1.0, 2.0], [2.1, -5, True, "1", [1.0], None]),
-        ("choice", ["b"], ["c", 0, ["a"], None]),
-        ("mark", [False], [1, "no", None]),
-        ("name", ["x", "../x"], [b"x", 5, None]),
-    ],
-)
-def test_a_control_takes_what_its_page_can_send(name, good, bad, controls):
-    assert all(fits(controls[name], value) for value in good)
-    assert not any(fits(controls[name], value) for value in bad)
-    assert not any(fits(None, value) for value in good)
+    with connected(server) as socket:
+        socket.send(browser_message())
+        until(lambda: server._pages, "a page")
+        (client,) = server._server.get_clients().values()
+        handles = client.gui._gui_input_handle_from_uuid.values()
+        controls = {handle.label: handle for handle in handles}
+        for label, (good, bad) in wanted.items():
+            assert all(fits(controls[label], value) for value in good), label
+            assert not any(fits(controls[label], value) for value in bad), label
+    assert not fits(None, True)
 
 
 def test_no_message_puts_the_viewer_on_the_internet(server):
-    asked = viser._messages.ShareUrlRequest()
-    assert not Gate(server._server)._is_sound(0, asked)
+    asked = _messages.ShareUrlRequest()
+    assert not Gate(server._server)._is_sound(ClientId(0), asked)
 
 
 def test_a_path_is_saved_in_the_frame_of_the_pose_file(scene, tmp_path):

@@ -11,6 +11,7 @@ from internal.cli import load_split
 from internal.configs import load_config
 from internal.files import image_io
 from internal.viewer import free_camera
+from internal.viewer.baking import Bakery
 from internal.viewer.panel import Panel
 from internal.viewer.server import Server
 from internal.viewer.session import Session
@@ -28,7 +29,10 @@ QUIET = 0.8  # seconds; a camera that is let go glides on for a while
 class ViewerPage:
     """A running viewer, its first page, and what was sent to and fro."""
 
-    def __init__(self, browser, run: Path, settings: list[str]) -> None:
+    def __init__(
+        self, browser, run: Path, settings: list[str], splats: int = 0
+    ) -> None:
+        """``splats``: to walk on; 0 for none."""
         self.browser, self.folder = browser, run / "view"
         self.frames, self.cameras = [], []
         self._patches = pytest.MonkeyPatch()
@@ -37,7 +41,8 @@ class ViewerPage:
         self._listen(Session, "stand", self.cameras)
         config = load_config([], settings)
         self.studio = Studio(config, load_split(config, "train"))
-        self.server = Server(config, self.studio, "127.0.0.1", port=0)
+        self.bakery = Bakery(self.studio, run, splats) if splats else None
+        self.server = Server(config, self.studio, "127.0.0.1", 0, self.bakery)
         self.page = browser.new_page(viewport={"width": 900, "height": ZOOM * HEIGHT})
         self.page.goto(self.server.address)
         self.page.add_style_tag(content=CLICK_THROUGH)
@@ -140,7 +145,12 @@ class ViewerPage:
         hidden = ".mantine-Notifications-root { visibility: hidden }"
         clip = self._canvas().bounding_box()
         self.page.screenshot(path=str(shot), clip=clip, style=hidden)
-        blocks = image_io.read_srgb(shot).reshape(HEIGHT, ZOOM, WIDTH, ZOOM, 3)
+        return self.middles(image_io.read_srgb(shot))
+
+    @staticmethod
+    def middles(screen: np.ndarray) -> np.ndarray:
+        """The middle of what each pixel of a frame is on the screen."""
+        blocks = screen.reshape(HEIGHT, ZOOM, WIDTH, ZOOM, 3)
         middle = slice(ZOOM // 2 - 1, ZOOM // 2 + 1)
         return blocks[:, middle, :, middle].mean(axis=(1, 3))
 

@@ -83,12 +83,7 @@ def bake(
         between: further ones, which the splats shall look like as well.
     """
     views = [*sightings, *between]
-    surfels, width = thin_out(see_surfels(sightings, looks[0], SPARE * count), count)
-    sizes = OVERLAP * width * surfels.footprints
-    outwards = normals(density, scene.space, surfels.points, sizes)
-    splats = first_splats(
-        surfels.points, sizes, surfels.srgb, outwards, first_opacity(width)
-    )
+    splats = place(scene, sightings, density, count, looks[0])
     baked: dict[str, Splats] = {}
     for look in looks:
         targets = targets_of(scene, views, look)
@@ -98,9 +93,24 @@ def bake(
         for step in progress.track(fitted, steps, f"fitting {look}", "step"):
             splats = step
         if not baked:
-            splats = take(splats, np.asarray(splats.opacities) > LEAST_OPACITY)
+            splats = without_faint(splats)
         baked[look] = jax.tree.map(np.asarray, splats)
     return baked
+
+
+def place(
+    scene: Scene,
+    sightings: Sequence[Sighting],
+    density: Density,
+    count: int,
+    look: str,
+) -> Splats:
+    """At most ``count`` splats where sightings see surfaces, not fitted yet."""
+    surfels, width = thin_out(see_surfels(sightings, look, SPARE * count), count)
+    sizes = OVERLAP * width * surfels.footprints
+    outwards = normals(density, scene.space, surfels.points, sizes)
+    opacity = first_opacity(width)
+    return first_splats(surfels.points, sizes, surfels.srgb, outwards, opacity)
 
 
 def targets_of(scene: Scene, sightings: Sequence[Sighting], look: str) -> list[Target]:
@@ -248,6 +258,11 @@ def fit(
         named = {name: getattr(slopes, name) for name in rates}
         fitted, state = improve(fitted, named, state)
         yield dataclasses.replace(start, **fitted)
+
+
+def without_faint(splats: Splats) -> Splats:
+    """Those that fitting left with a part in the pictures; NumPy arrays."""
+    return take(splats, np.asarray(splats.opacities) > LEAST_OPACITY)
 
 
 def optimizer_of_fit(steps: int) -> optax.GradientTransformation:

@@ -6,17 +6,15 @@
 points, which splatting starts from: ``points.ply`` for the former.
 """
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 
-from internal.cameras import Lens
 from internal.files import image_io, ply
 from internal.scene import colmap
+from internal.scene.transforms_file import View, write_single
 
 POINTS_FILE = "points.ply"
 
@@ -40,8 +38,6 @@ def write_dataset(
         path = folder / "images" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         image_io.write(path, picture.astype(np.float32) / 255.0)
-    near, far = bounds
-    views = zip(model.names, model.lenses, model.camtoworlds, strict=True)
     # Without normals: not all readers of these look at more than x y z and colours.
     ply.write(
         folder / POINTS_FILE,
@@ -50,30 +46,13 @@ def write_dataset(
             **dict(zip(("red", "green", "blue"), colors.T, strict=True)),
         },
     )
-    content = {
-        "camera_model": "PINHOLE",
-        "ply_file_path": POINTS_FILE,
-        "near": near,
-        "far": far,
-        "frames": [_frame(*view) for view in views],
-    }
-    (folder / "transforms.json").write_text(json.dumps(content, indent=1) + "\n")
+    views = [
+        View(f"images/{name}", lens, camtoworld)
+        for name, lens, camtoworld in zip(
+            model.names, model.lenses, model.camtoworlds, strict=True
+        )
+    ]
+    write_single(folder, views, bounds=bounds, points_file=POINTS_FILE)
     sparse = folder / "sparse" / "0"
     sparse.mkdir(parents=True)
     colmap.write_model(sparse, model, colors)
-
-
-def _frame(
-    name: str, lens: Lens, camtoworld: Float[np.ndarray, "3 4"]
-) -> dict[str, Any]:
-    fx, fy, cx, cy = lens.params
-    return {
-        "file_path": f"images/{name}",
-        "w": lens.width,
-        "h": lens.height,
-        "fl_x": fx,
-        "fl_y": fy,
-        "cx": cx,
-        "cy": cy,
-        "transform_matrix": [*camtoworld.tolist(), [0.0, 0.0, 0.0, 1.0]],
-    }

@@ -6,14 +6,12 @@ with what the user has already.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 from jaxtyping import Float
 
-from internal import color, poses, progress
-from internal.cameras import Cameras
 from internal.errors import UserError
 from internal.export import shapes, splat_files
 from internal.export.bake import bake
@@ -23,20 +21,14 @@ from internal.export.shapes import Cloud, Mesh
 from internal.export.sightings import Sighting, mean_colors
 from internal.export.splats import carry_over
 from internal.files.made_folder import Facts
-from internal.rendering.surfaces import is_background, surface_points
 from internal.scene import colmap
-from internal.scene.scene import Scene, posed_cameras
-from internal.structs import LitRendering, Rendering
+from internal.scene.scene import Scene
 
 SPLAT_LOOKS = {"enhanced": "lit", "dark": "as dark as the photos"}
 LOOKS = {"enhanced": ("enhanced",), "dark": ("dark",), "both": ("enhanced", "dark")}
 
-RenderView = Callable[[Cameras], Rendering | LitRendering]
-
 COLMAP_POINTS = 20_000  # enough to start splats from
 FEWEST_VIEWS = 2  # that must agree on a point of the cloud
-BETWEEN = 3  # every so many views there is one more, half way to its neighbour
-ALIKE = 0.7  # least cosine between the optical axes of neighbours
 SMALLEST_STEP = 2e-3  # of normals' differences, share of the distance to the cameras
 
 
@@ -48,48 +40,6 @@ class Wanted:
     resolution: int = 160  # cells along the mesh's longest side
     splats: int | None = None  # at most; None: no files of splats
     look: str = "enhanced"  # of the splats, of LOOKS
-
-
-def undistorted(scene: Scene) -> Scene:
-    """The scene's views through pinholes: other tools expect them, and rendering
-    through them is free."""
-    lenses = tuple(map(colmap.pinhole, scene.lenses))
-    camtoworlds = np.asarray(scene.cameras.camtoworlds)
-    return dataclasses.replace(
-        scene, lenses=lenses, cameras=posed_cameras(lenses, camtoworlds)
-    )
-
-
-def between_views(scene: Scene) -> Scene:
-    """The scene seen from half way between neighbouring views, a third as often.
-
-    What splats look like from where no photo was taken shows there.
-    """
-    camtoworlds = np.asarray(scene.cameras.camtoworlds, np.float64)
-    centres = camtoworlds[:, :, 3]
-    apart = np.linalg.norm(centres[:, None] - centres, axis=-1)
-    # Views that look elsewhere are no neighbours, and half way there looks nowhere.
-    alike = np.einsum("ni,mi->nm", camtoworlds[:, :, 2], camtoworlds[:, :, 2])
-    apart[(alike < ALIKE) | np.eye(len(centres), dtype=bool)] = np.inf
-    some = np.arange(0, len(centres), BETWEEN)
-    some = some[np.isfinite(apart[some].min(axis=-1))]
-    pairs = np.stack([some, apart[some].argmin(axis=-1)], axis=-1)
-    middles = [poses.average_pose(camtoworlds[pair]) for pair in pairs]
-    cameras = dataclasses.replace(
-        scene.cameras.take(some),
-        camtoworlds=np.array(middles, np.float32).reshape(-1, 3, 4),
-    )
-    lenses = tuple(scene.lenses[view] for view in some)
-    return dataclasses.replace(scene, lenses=lenses, cameras=cameras)
-
-
-def look_around(scene: Scene, render: RenderView) -> list[Sighting]:
-    """Renders every view of an undistorted scene."""
-    views = range(len(scene.lenses))
-    return [
-        _sighting(scene, view, render(scene.cameras.take(np.array([view]))))
-        for view in progress.track(views, len(views), "looking around", "view")
-    ]
 
 
 def write_all(
@@ -238,19 +188,6 @@ def describe(facts: Facts) -> list[tuple[str, str]]:
         ("mesh.glb", triangles),
         ("dataset", f"{facts['views']:,.0f} lit pictures with cameras"),
     ]
-
-
-def _sighting(scene: Scene, view: int, rendering: Rendering | LitRendering) -> Sighting:
-    lens = scene.lenses[view]
-    camtoworld = np.asarray(scene.cameras.camtoworlds[view], np.float64)
-    lit = rendering.enhanced if isinstance(rendering, LitRendering) else rendering.rgb
-    depth = np.asarray(rendering.depth, np.float64)[..., 0]
-    directions = colmap.lens_directions(lens).reshape(lens.height, lens.width, 3)
-    far = scene.model_from_world.scale * scene.far
-    points = surface_points(scene.space, camtoworld, directions, depth)
-    is_surface = ~is_background(depth, far) & scene.mask(view)
-    dark = color.to_uint8(rendering.rgb)
-    return Sighting(lens, camtoworld, color.to_uint8(lit), dark, points, is_surface)
 
 
 def _distances(

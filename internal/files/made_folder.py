@@ -8,10 +8,12 @@ The record beside the content states the settings it was made with and facts abo
 it, so that a second run with the same settings costs nothing.
 """
 
+import contextlib
+import fcntl
 import json
 import os
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -48,18 +50,51 @@ def make_folder(
     record = _own_record(folder, settings, overwrite=overwrite)
     if record and not overwrite:
         return record["facts"]
-    partial = folder.with_name(f"{PARTIAL}{folder.name}-{os.getpid()}")
-    try:
+    partial = folder.with_name(f"{PARTIAL}{folder.name}")
+    with naming(folder):
+        partial.mkdir(parents=True, exist_ok=True)
+    with alone_in(partial), contextlib.ExitStack() as stack:
+        stack.callback(shutil.rmtree, partial, ignore_errors=True)
         with naming(folder):
-            partial.mkdir(parents=True)
+            _empty(partial)  # of what a killed one left
             facts = fill(partial)
             _write_record(partial, settings, facts)
             if record:
                 shutil.rmtree(folder)
             partial.replace(folder)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
     return facts
+
+
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Runs while no other process runs so in that folder. The lock is the system's
+    and ends with the process, however that ends; some file systems have none.
+
+    Raises:
+        UserError: another process does.
+    """
+    with naming(folder):
+        handle = os.open(folder, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise UserError(
+                    f"{folder}: the same command is running there; wait for it, or "
+                    "choose another folder"
+                ) from error
+        yield
+    finally:
+        os.close(handle)
+
+
+def _empty(folder: Path) -> None:
+    for path in folder.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
 
 
 def begin_folder(

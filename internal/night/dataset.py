@@ -8,22 +8,22 @@ sRGB: ``high`` the normal-light truth, ``low`` the same light through
 """
 
 import dataclasses
-import json
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
 from internal import progress
+from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
 from internal.files.made_folder import Facts, make_folder
 from internal.night import pinhole, still_life
 from internal.night.capture import NORMAL_LIGHT, CaptureModel, capture, view_key
+from internal.scene.transforms_file import View, write_split
 
 CONTENT = 1  # counts changes of what the scene shows; older folders are made anew
 HORIZONTAL_FOV = np.pi / 4
@@ -161,8 +161,7 @@ def write_scene(
         levels = _write_pictures(
             partial, render_views(camtoworlds, width, height), model
         )
-        shared = _intrinsics(width, height) | {"near": near, "far": far}
-        _write_transforms(partial, shared, camtoworlds)
+        _write_transforms(partial, _lens(width, height), camtoworlds, (near, far))
         text = README.format(
             name=folder.name, holdout=HOLDOUT, **dataclasses.asdict(model)
         )
@@ -193,8 +192,9 @@ def _write_pictures(
 
 def _write_transforms(
     folder: Path,
-    shared: dict[str, Any],
+    lens: Lens,
     camtoworlds: Float[np.ndarray, "views 3 4"],
+    bounds: tuple[float, float],
 ) -> None:
     """One JSON per split; test frames name the truth, as LOM's do."""
     views = range(len(camtoworlds))
@@ -203,23 +203,15 @@ def _write_transforms(
         ("test", "high", views[::HOLDOUT]),
     ):
         frames = [
-            {
-                "file_path": f"{pictures}/{_file_name(view)}",
-                "transform_matrix": [*camtoworlds[view].tolist(), [0, 0, 0, 1]],
-            }
+            View(f"{pictures}/{_file_name(view)}", lens, camtoworlds[view])
             for view in chosen
         ]
-        content = json.dumps({**shared, "frames": frames}, indent=2)
-        (folder / f"transforms_{split}.json").write_text(content + "\n")
+        write_split(folder, split, frames, bounds)
 
 
-def _intrinsics(width: int, height: int) -> dict[str, float]:
-    return {
-        "camera_angle_x": HORIZONTAL_FOV,
-        **{"fl_x": focal_length(width), "fl_y": focal_length(width)},
-        **{"cx": width / 2, "cy": height / 2, "w": width, "h": height},
-        **{"k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0},
-    }
+def _lens(width: int, height: int) -> Lens:
+    focal = focal_length(width)
+    return Lens("PINHOLE", width, height, (focal, focal, width / 2, height / 2))
 
 
 def _file_name(view: int) -> str:

@@ -2,9 +2,11 @@
 """Checks a scene that has poses, in any format that the readers know.
 
 Matches between neighbouring views are found afresh; where the poses are right, the
-ray of a pixel and the ray of its match lie in one plane with both centres.
+ray of a pixel and the ray of its match lie in one plane with both centres. Where the
+files have no points, the photos are asked for some, under the given poses.
 """
 
+import dataclasses
 import tempfile
 from pathlib import Path
 
@@ -17,6 +19,7 @@ from internal.errors import UserError
 from internal.files import image_io
 from internal.prepare import attempts, exposures, matching, sharpness, statistics
 from internal.prepare.brighten import copy_size
+from internal.prepare.depths import find_points
 from internal.prepare.exposures import Exposures
 from internal.prepare.matching import Copy, Pairs
 from internal.prepare.report import Report, write_report
@@ -26,6 +29,7 @@ from internal.scene import colmap, readers
 from internal.scene.loading import (
     check_lenses,
     check_poses,
+    check_sides,
     find_truth,
     fit_lenses,
     held_out,
@@ -47,6 +51,10 @@ def check_scene(data_dir: Path, folder: Path) -> Report:
     check_poses(files)
     check_lenses(files)
     lenses = fit_lenses(files, 1)
+    if not len(files.points):
+        points = find_points(files, range(len(files.names)), ())
+        files = dataclasses.replace(files, points=points)
+    check_sides(files)
     truth = find_truth(files, data_dir, "", held_out(files, HOLDOUT))
     count = len(files.names)
     photos = [

@@ -35,7 +35,7 @@ class Geometry:
 
     registered: int
     error: float  # mean reprojection, or median epipolar where there are no tracks
-    points: int  # 0 where the format has none
+    points: int  # 0 where none were found either
     angle: float  # between the outermost cameras, seen from the scene
     has_depth_range: bool
 
@@ -106,6 +106,8 @@ def _faults(geometry: Geometry, photos: int) -> list[str]:
 
 def _geometry_advice(geometry: Geometry) -> list[str]:
     tests = {
+        "The photos show no points under these poses, so whether the poses fit "
+        "could be checked between pairs of photos only.": geometry.points == 0,
         f"{geometry.registered} views are few: 20 to 60 make a good scene. Take more "
         "from other places.": geometry.registered < FEW_VIEWS,
         f"Poses fit to {geometry.error:.1f} pixels only, so fine detail will be lost: "

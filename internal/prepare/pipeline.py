@@ -20,7 +20,7 @@ from internal import progress
 from internal.errors import UserError
 from internal.files import atomic, image_io, listing
 from internal.files.listing import LeftOut
-from internal.files.made_folder import begin_folder, finish_folder
+from internal.files.made_folder import alone_in, begin_folder, finish_folder
 from internal.prepare import (
     attempts,
     exposures,
@@ -71,7 +71,8 @@ def prepare(inputs: Inputs, scene: Path, *, overwrite: bool) -> Report:
     if begin_folder(scene, _settings(inputs), overwrite=overwrite) is not None:
         return read_report(scene / FOLDER)
     try:
-        return _prepare(inputs, scene)
+        with alone_in(scene):
+            return _prepare(inputs, scene)
     except OSError as error:
         atomic.check_read(scene, error)
         raise cannot_write(scene, error) from error

@@ -1,13 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files of a prepared scene, in the formats that other programs read as well."""
 
-import json
 import shutil
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
-
-import numpy as np
-from jaxtyping import Float
 
 from internal.cameras import Lens
 from internal.errors import UserError
@@ -16,11 +12,11 @@ from internal.prepare.photos import DEVELOPED_EXTENSIONS, Photo, read_photo, sce
 from internal.scene.colmap import Reconstruction
 from internal.scene.loading import ASPECT_TOLERANCE
 from internal.scene.pairing import pair_by_name
+from internal.scene.transforms_file import View, write_single
 
 PICTURES = "images"
 TRUTH = "high"
 MODEL = "sparse/0"
-TRANSFORMS = "transforms.json"
 HOLDOUT = 8  # every eighth view, from the first, is a test view
 
 README = """A scene prepared from {photos} photos of {source}; {registered} have poses.
@@ -83,18 +79,13 @@ def write_transforms(model: Reconstruction, scene: Path) -> None:
     Raises:
         UserError: the folder cannot be written or the disk is full.
     """
-    files = [f"{PICTURES}/{name}" for name in model.names]
-    frames = [
-        {"file_path": file, **lens_entry(lens), "transform_matrix": _square(pose)}
-        for file, lens, pose in zip(files, model.lenses, model.camtoworlds, strict=True)
+    views = [
+        View(f"{PICTURES}/{name}", in_opencv_terms(lens), pose)
+        for name, lens, pose in zip(
+            model.names, model.lenses, model.camtoworlds, strict=True
+        )
     ]
-    content = {
-        "camera_model": "OPENCV",
-        "train_filenames": [f for i, f in enumerate(files) if i % HOLDOUT],
-        "test_filenames": files[::HOLDOUT],
-        "frames": frames,
-    }
-    atomic.write_text(scene / TRANSFORMS, json.dumps(content, indent=2) + "\n")
+    write_single(scene, views, test=[view.file for view in views[::HOLDOUT]])
 
 
 def write_readme(
@@ -111,14 +102,8 @@ def write_readme(
     atomic.write_text(scene / "README.txt", text)
 
 
-def lens_entry(lens: Lens) -> dict[str, float | int]:
-    """A lens of one focal length and one radial term in the terms of OpenCV."""
+def in_opencv_terms(lens: Lens) -> Lens:
+    """A lens of one focal length and one radial term (COLMAP's SIMPLE_RADIAL)."""
     focal, cx, cy, k1 = lens.params
-    return {
-        **{"w": lens.width, "h": lens.height, "fl_x": focal, "fl_y": focal},
-        **{"cx": cx, "cy": cy, "k1": k1, "k2": 0.0, "p1": 0.0, "p2": 0.0},
-    }
-
-
-def _square(pose: Float[np.ndarray, "3 4"]) -> list[list[float]]:
-    return [*pose.tolist(), [0.0, 0.0, 0.0, 1.0]]
+    params = (focal, focal, cx, cy, k1, 0.0, 0.0, 0.0)
+    return Lens("OPENCV", lens.width, lens.height, params)

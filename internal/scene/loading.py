@@ -28,6 +28,8 @@ SAME_PLACE = 1e-6  # of the coordinates; single precision holds no less
 GAINS_FILE = "exposures.json"  # written by prepare.py
 BRIGHTER = 4.0  # times the light of dark photos: exposures of one series differ less
 LOOKED_AT = 3  # photos of each
+FEWEST_POINTS = 8  # that tell where things are
+MOSTLY = 0.9  # of the cameras
 LEAST_LIGHT = 1e-4  # for the ratio that is printed
 
 
@@ -84,6 +86,28 @@ def check_lenses(files: SceneFiles) -> None:
         except UserError as error:
             where = f"{files.pose_paths[view]}: {files.names[view]}"
             raise UserError(f"{where}: {error}") from error
+
+
+def check_sides(files: SceneFiles) -> None:
+    """Refuses poses under which all points lie behind nearly all cameras.
+
+    Raises:
+        UserError: axes or matrices are of another custom than the format's.
+    """
+    if len(files.points) < FEWEST_POINTS:
+        return
+    views = [view for view, lens in enumerate(files.lenses) if colmap.has_depth(lens)]
+    looks = [
+        ((files.points - pose[:, 3]) @ -pose[:, 2] > 0.0).any()
+        for pose in files.camtoworlds[views]
+    ]
+    away = len(looks) - int(np.sum(looks))
+    if away > MOSTLY * len(looks):
+        raise UserError(
+            f"{files.pose_paths[0]}: {files.points_source} lie behind {away} of "
+            f"{len(looks)} cameras; expected OpenGL poses (camera to world; x right, y "
+            "up, z backwards): from OpenCV's, negate the second and third column"
+        )
 
 
 def fit_lenses(files: SceneFiles, factor: int) -> tuple[Lens, ...]:

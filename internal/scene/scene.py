@@ -38,6 +38,7 @@ from internal.scene.loading import (
     Truth,
     check_lenses,
     check_poses,
+    check_sides,
     find_truth,
     fit_lenses,
     held_out,
@@ -168,6 +169,7 @@ def _lay_out(
     )
     check_poses(files)
     check_lenses(files)
+    check_sides(files)
     warn_of_one_place(files)
     lenses = fit_lenses(files, config.factor)
     is_test = held_out(files, config.holdout)

@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Float
 from tensorboardX import SummaryWriter
 
-from internal import configs, parallel, saved_config
+from internal import configs, flags, parallel, saved_config
 from internal.configs import Config
 from internal.errors import UserError
 from internal.files import atomic
@@ -89,7 +89,7 @@ def config_of_run(gin_configs: Sequence[str], gin_bindings: Sequence[str]) -> Co
         raise UserError("no run is named; give its folder: --run outputs/my_scene")
     folder = Path(named)
     if not has_begun(folder):
-        raise UserError(f"{folder}: holds no checkpoint; train first, or correct --run")
+        raise flags.no_checkpoint(folder)
     own = saved_config.read(folder / CONFIG)
     base = saved_config.as_bindings(own)
     config = configs.load_config(gin_configs, gin_bindings, base)

@@ -19,6 +19,7 @@ PIXELS = {"200 x 150": 200 * 150, "500 x 375": 500 * 375, "1000 x 750": 1000 * 7
 COARSE_PIXELS = (50 * 38, 100 * 75, 141 * 106, 200 * 150)
 SMALLEST_SIDE = 4  # pixels; windows may be arbitrarily thin
 SAME_PLACE = 1e-5  # model units; browsers round
+ALIKE = 2e-3  # radians and model units: a pixel or two
 WIDEST_FOV = math.radians(150.0)
 
 
@@ -48,10 +49,17 @@ class FreeCamera:
 
     def is_at(self, other: "FreeCamera") -> bool:
         """Whether nobody could tell the two from each other."""
+        return self._is_near(other, SAME_PLACE)
+
+    def looks_like(self, other: "FreeCamera") -> bool:
+        """Whether nobody would see the one's picture jump to the other's."""
+        return self._is_near(other, ALIKE)
+
+    def _is_near(self, other: "FreeCamera", tolerance: float) -> bool:
         apart = np.abs(self.camtoworld - other.camtoworld).max()
         return (
-            bool(apart < SAME_PLACE)
-            and math.isclose(self.fov, other.fov, rel_tol=SAME_PLACE)
+            bool(apart < tolerance)
+            and math.isclose(self.fov, other.fov, rel_tol=tolerance)
             and self.aspect == other.aspect
         )
 

@@ -30,7 +30,7 @@ class LightControls:
     """The light of one browser."""
 
     def __init__(
-        self, gui: viser.GuiApi, turned: Callable[[Look], None], guarded: Guard
+        self, gui: viser.GuiApi, turned: Callable[[Look], object], guarded: Guard
     ) -> None:
         """``turned`` is told each new look."""
         self._turned = turned

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The panel beside the picture: what a user can set, and where each setting goes."""
 
+import asyncio
 import math
 import time
 from pathlib import Path
@@ -9,7 +10,10 @@ from typing import Any
 import viser
 
 from internal.configs import RenderConfig
+from internal.enhancements.look import Look
+from internal.viewer.baking import Bakery
 from internal.viewer.border import Border
+from internal.viewer.canvas import Choice
 from internal.viewer.free_camera import PIXELS
 from internal.viewer.handlers import Guard, guard, on_change
 from internal.viewer.light_controls import LightControls
@@ -25,8 +29,10 @@ from internal.viewer.stage import (
     turn_about,
 )
 from internal.viewer.studio import Studio
+from internal.viewer.walk import Walk
 
 MOSTLY = 0.5  # of a picture
+STILL = 0.15  # seconds without a step after which one who walks on splats stands
 Click = tuple[float, tuple[float, float]]  # seconds, and where in the picture
 DOUBLE = 0.5, 0.02  # seconds and shares of the picture that two clicks are apart
 
@@ -47,8 +53,13 @@ class Panel:
         session: Session,
         render: RenderConfig,
         folder: Path,
+        bakery: Bakery | None,
     ) -> None:
-        """``folder`` takes snapshots and paths."""
+        """
+        Args:
+            folder: takes snapshots and paths.
+            bakery: bakes splats to walk on; None where nobody does.
+        """
         self._client, self._studio, self._session = client, studio, session
         self._frustums = Frustums(client, studio)
         self._click: Click = (-math.inf, (0.0, 0.0))
@@ -65,12 +76,13 @@ class Panel:
         back = gui.add_button("Back to the nearest photo", visible=False)
         self._back = back
         back.on_click(guarded(self._go_back))
+        self.walk = Walk(client, bakery, session, guarded)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Light"):
             self._outputs = OutputChooser(
-                client, studio.outputs, self._border, session.choose, guarded
+                client, studio.outputs, self._border, self._choose, guarded
             )
-            self._light = LightControls(gui, session.light, guarded)
+            self._light = LightControls(gui, self._relight, guarded)
             self._add_takes(guarded, folder)
         with tabs.add_tab("Photos"):
             self._add_photos(guarded)
@@ -78,22 +90,27 @@ class Panel:
             self._path = PathEditor(
                 client, studio.scene, render, folder, self.say, guarded
             )
-        session.choose(self._outputs.choice)
+        self._choose(self._outputs.choice)
         on_scene_click: Any = client.scene.on_click()  # its type knows no coroutines
         on_scene_click(guarded(self._clicked))
         client.camera.on_update(guarded(self._camera_moved))
         make_gentle(client)
         first = camera_of(client.camera)
         client.camera.fov = studio.view_camera(0).seen_in(first.aspect).fov
-        session.stand(camera_of(client.camera))
+        self._camera = camera_of(client.camera)
+        self.walk.go(self._camera)
+        session.stand(self._camera)
 
     def show(self, frame: Frame) -> None:
-        """Puts a frame on the screen."""
+        """Puts a frame on the screen, unless splats show more."""
+        if self.walk.is_better_than(frame, self._camera):
+            return
         self._client.scene.set_background_image(
             frame.picture, format="jpeg", jpeg_quality=90 if frame.finished else 75
         )
         self._status.content = frame.describe()
         if frame.finished:
+            self.walk.rest(frame)
             self._arrive(frame)
 
     def _arrive(self, frame: Frame) -> None:
@@ -116,6 +133,7 @@ class Panel:
     def close(self) -> None:
         """The browser has gone."""
         self._path.stop()
+        self.walk.close()
 
     def _add_takes(self, guarded: Guard, folder: Path) -> None:
         gui, session = self._client.gui, self._session
@@ -174,8 +192,21 @@ class Panel:
         elif is_double(before, self._click):
             look_at(self._client, self._session.point_at(event.screen_pos))
 
+    def _choose(self, choice: Choice) -> None:
+        self._session.choose(choice)
+        self.walk.choose()
+
+    def _relight(self, look: Look) -> None:
+        if self._session.light(look):
+            self.walk.light_anew()
+
     async def _camera_moved(self, handle: viser.CameraHandle) -> None:
-        camera = camera_of(handle)
+        camera = self._camera = camera_of(handle)
         self._frustums.update(camera)
         self._border.place(camera, self._outputs.choice.split)
+        if self.walk.go(camera):
+            self._session.walk_past(camera)
+            await asyncio.sleep(STILL)
+            if camera is not self._camera:
+                return
         self._session.stand(camera)

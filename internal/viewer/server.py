@@ -13,6 +13,7 @@ import viser
 
 from internal.configs import Config
 from internal.errors import UserError, one_line
+from internal.viewer.baking import Bakery
 from internal.viewer.gate import Gate
 from internal.viewer.panel import Panel
 from internal.viewer.session import Session
@@ -24,9 +25,17 @@ SECONDS_BETWEEN_LOOKS = 3.0  # for a newer checkpoint
 class Server:
     """Serves until ``close``. Pages that come and go do not disturb each other."""
 
-    def __init__(self, config: Config, studio: Studio, host: str, port: int) -> None:
+    def __init__(
+        self,
+        config: Config,
+        studio: Studio,
+        host: str,
+        port: int,
+        bakery: Bakery | None = None,
+    ) -> None:
+        """``bakery``: of splats to walk on, if people shall."""
         check_free(host, port)
-        self._config, self._studio = config, studio
+        self._config, self._studio, self._bakery = config, studio, bakery
         self._pages: dict[int, tuple[Panel, Session]] = {}
         self._gone: set[int] = set()  # closed while they were opened
         self._lock = threading.Lock()
@@ -74,17 +83,20 @@ class Server:
     def _open(self, client: viser.ClientHandle) -> None:
         session = Session(self._studio, lambda f: panel.show(f), lambda t: panel.say(t))
         folder = Path(self._config.checkpoint_dir) / "view"
+        render, bakery = self._config.render, self._bakery
         try:
-            panel = Panel(client, self._studio, session, self._config.render, folder)
+            panel = Panel(client, self._studio, session, render, folder, bakery)
         except Exception as error:  # it left meanwhile
             print(f"a page was not opened: {one_line(error)}", flush=True)
             return
         with self._lock:
             if client.client_id in self._gone:
                 self._gone.remove(client.client_id)
+                panel.close()
                 return
             self._pages[client.client_id] = panel, session
             self._studio.turns.join(session)
+            self._studio.turns.join(panel.walk)
 
     def _shut(self, client: viser.ClientHandle) -> None:
         with self._lock:
@@ -95,6 +107,7 @@ class Server:
             panel, session = page
             panel.close()
             self._studio.turns.leave(session)
+            self._studio.turns.leave(panel.walk)
 
     def _watch(self) -> None:
         """Shows newer checkpoints as a training that still runs writes them."""
@@ -107,6 +120,8 @@ class Server:
                 continue
             if newer:
                 print(f"showing step {self._studio.trained.step}", flush=True)
+                if self._bakery:
+                    self._bakery.outdated()
                 for _, session in list(self._pages.values()):
                     session.refresh()
 

@@ -110,6 +110,7 @@ class Session:
         self._wanted: FreeCamera | None = None
         self._job: Job | None = None
         self._redraw = False
+        self._is_passing = False
         self._shown: _Shown | None = None
         self._relit = functools.lru_cache(maxsize=1)(
             lambda shown, look: studio.relit(shown.trained, shown.rendering, look)
@@ -120,26 +121,36 @@ class Session:
         self.look = Look()
         self.choice = Choice()
         self.size = "500 x 375"
+        self.is_walking = False  # something is seen until a whole picture is there
 
     def stand(self, camera: FreeCamera) -> None:
         """Wants the scene from there."""
         with self._lock:
-            if self.camera and camera.is_at(self.camera):
+            if self.camera and camera.is_at(self.camera) and not self._is_passing:
                 return
+            self._is_passing = False
             self.camera = self._wanted = camera
         self._studio.turns.wake()
 
-    def light(self, look: Look) -> None:
-        """Wants that light; without following rays anew where they need not know."""
+    def walk_past(self, camera: FreeCamera) -> None:
+        """Is there, and wants no picture yet."""
+        with self._lock:
+            self.camera, self._is_passing = camera, True
+            self._wanted = self._job = None
+
+    def light(self, look: Look) -> bool:
+        """Wants that light; whether rays are followed anew, as they must know it."""
         look.edit()
         along_rays = self._studio.along_rays
         with self._lock:
             before, self.look = self.look, look
-            if same_edit(along_rays(before), along_rays(look)):
+            is_anew = not same_edit(along_rays(before), along_rays(look))
+            if not is_anew:
                 self._redraw = True
-            else:
+            elif not self._is_passing:
                 self._wanted = self.camera
         self._studio.turns.wake()
+        return is_anew
 
     def choose(self, choice: Choice) -> None:
         """Wants other outputs on the screen."""
@@ -237,12 +248,14 @@ class Session:
         """Draws again, or computes a chunk of the newest picture.
 
         A first, coarse picture is always finished, so that a moving camera sees
-        something; what refines it is dropped as soon as the camera moves.
+        something; what refines it is dropped as soon as the camera moves. Who walks
+        on something else sees enough without.
         """
         with self._lock:
             redraw, self._redraw = self._redraw, False
             job = self._job
-            if not redraw and self._wanted and (job is None or job.delivered):
+            may_start = job is None or job.delivered or self.is_walking
+            if not redraw and self._wanted and may_start:
                 job = self._job = self._start(self._wanted, self.look)
                 self._wanted = None
         if redraw:
@@ -263,7 +276,8 @@ class Session:
         quick = studio.draft_speed.rays_per_second * SECONDS_TO_FIRST_PICTURE
         drafts = [pixels for pixels in COARSE_PIXELS if pixels < full]
         drafts = drafts[max(sum(pixels <= quick for pixels in drafts) - 1, 0) :]
-        if full <= studio.final_speed.rays_per_second * SECONDS_TO_FIRST_PICTURE:
+        is_fast = full <= studio.final_speed.rays_per_second * SECONDS_TO_FIRST_PICTURE
+        if is_fast or self.is_walking:
             drafts = []
         *lenses, last = dict.fromkeys(camera.lens(n) for n in (*drafts, full))
         *coarse, fine = (single_camera(camera.camtoworld, x) for x in (*lenses, last))

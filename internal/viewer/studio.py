@@ -47,13 +47,13 @@ class Studio:
         self.turns = Turns()
         self.draft_speed = Speedometer(FIRST_GUESS_OF_SPEED)
         self.final_speed = Speedometer(FIRST_GUESS_OF_SPEED)
-        model, state = load_trained(config, self._mesh)
+        self.model, state = load_trained(config, self._mesh)
         chunk = min(config.render.chunk, LARGEST_CHUNK)
         self.outputs = explained_outputs(config.model)
         self.inquiry = Inquiry(self, config.factor)
         view = scene.cameras, scene.space, self._mesh, chunk
-        self._renderer = Renderer(model, *view)
-        self._draft_renderer = Renderer(with_fewer_samples(model), *view)
+        self._renderer = Renderer(self.model, *view)
+        self._draft_renderer = Renderer(with_fewer_samples(self.model), *view)
         self.trained = self._trained(state.params, int(state.step))
 
     def final(self, trained: Trained, camera: Cameras, edit: LightEdit) -> Task:

@@ -7,6 +7,7 @@ file is to NeRF, the earlier it comes.
 
 from pathlib import Path
 
+from internal import flags
 from internal.errors import UserError
 from internal.files.listing import say_once
 from internal.scene.readers import colmap, llff, transforms
@@ -32,8 +33,7 @@ def read_files(
     Raises:
         UserError: the folder is missing, is no scene of that format, or is broken.
     """
-    if not data_dir.is_dir():
-        raise UserError(f"{data_dir}: scene folder not found; check Config.data_dir")
+    flags.check_scene(data_dir)
     names = [reader.name for reader in READERS]
     if dataset_loader not in ("auto", *names):
         raise UserError(

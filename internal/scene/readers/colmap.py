@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from internal.errors import UserError
+from internal.errors import UserError, one_line
 from internal.files.listing import list_pictures, say_once
 from internal.scene.colmap import MODEL_ROOTS, find_model, find_models, read_model
 from internal.scene.mask_files import find_masks
 from internal.scene.pairing import find_input_folder, match_by_name, pair_poses, some
 from internal.scene.readers.base import Reader, SceneFiles
+
+SPLIT = "test.txt"  # in the model's folder
 
 
 def matches(data_dir: Path) -> bool:
@@ -43,7 +45,7 @@ def read(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles:
         camtoworlds=model.camtoworlds[kept],
         points=model.points,
         bounds=np.empty((0, 2)),
-        test_names=None,
+        test_names=_held_out(folder, [model.names[view] for view in kept]),
         mask_paths=find_masks(data_dir, pictures, [model.names[v] for v in kept]),
         upright=False,
     )
@@ -80,6 +82,29 @@ def _pair(
             f"{folder}: {some(unposed)} left out"
         )
     return {name: pictures / matched[name] for name in matched}
+
+
+def _held_out(folder: Path, names: Sequence[str]) -> frozenset[str] | None:
+    """The views that a ``test.txt`` beside the model lists, as 3D Gaussian splatting
+    reads it; None without one."""
+    path = folder / SPLIT
+    if not path.is_file():
+        return None
+    try:
+        listed = path.read_text(encoding="utf-8-sig").split("\n")
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: not a text ({one_line(error)}); write it") from error
+    wanted = [line.strip() for line in listed if line.strip()]
+    found = match_by_name(wanted, names)
+    if wanted and not found:
+        raise UserError(
+            f"{path}: names no view of the model, e.g. {wanted[0][:80]!r}; expected a "
+            f"name such as {names[0]!r} a line"
+        )
+    gone = [name for name in wanted if name not in found]
+    if gone:
+        say_once(f"WARNING: {path}: names views that are not there: {some(gone)}")
+    return frozenset(found.values()) or None
 
 
 COLMAP = Reader(

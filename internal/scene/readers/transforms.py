@@ -33,19 +33,29 @@ from internal.files import image_io, ply
 from internal.files.listing import composed, find_file, is_metadata, say_once
 from internal.scene import colmap
 from internal.scene.mask_files import find_masks
-from internal.scene.pairing import dark_twin, pair_poses, some
+from internal.scene.pairing import dark_twin, match_by_name, pair_poses, some
 from internal.scene.readers.base import Reader, SceneFiles
+from internal.scene.transforms_file import (
+    DISTORTION_TERMS,
+    LAST_ROW,
+    SINGLE_FILE,
+    SPLIT_FILE,
+)
 
-SPLIT_FILE = "transforms_{}.json"
-SINGLE_FILE = "transforms.json"
 LARGEST_NUMBER = 1e9  # of pixels or depths; also finite
+FOCAL_KEYS = (
+    ("fl_x", "fl_y"),
+    ("camera_angle_x", "camera_angle_y"),
+    ("x_fov", "y_fov"),
+)
+ALIKE = 0.05  # of a focal length: between what is stated in several ways
+SHORTEST = 1 / 20  # of a picture's side: 169 degrees, or a focal length not in pixels
+FRACTION = 1.0  # pixels: a principal point below is stated as a part of the picture
+NOT_READ = ("ftheta_p0", "from_mitsuba", "latlong", "equirectangular")  # instant-ngp's
 MOST_POINTS = 200_000  # of a dense cloud, evenly chosen
 WORST_FIT = 0.01  # of the spread of the camera centres
 WORST_AXES = 0.05  # between unit vectors: 3 degrees
-PERSPECTIVE_TERMS = ("k1", "k2", "p1", "p2")
-RATIONAL_TERMS = (*PERSPECTIVE_TERMS, "k3", "k4", "k5", "k6")
-LAST_ROW = (0.0, 0.0, 0.0, 1.0)
-FISHEYE_TERMS = ("k1", "k2", "k3", "k4")
+LISTED_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")  # of distortion_params
 FISHEYE_MODELS = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 PERSPECTIVE_MODELS = (
     *("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL"),
@@ -99,24 +109,13 @@ def read_nerfstudio(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles
         UserError: the file is broken, or a picture is missing.
     """
     frames = _read_frames(data_dir / SINGLE_FILE, is_test=False)
-    test = _listed(frames[0], "test_filenames") or _listed(frames[0], "val_filenames")
-    train = _listed(frames[0], "train_filenames")
-    listed = [posixpath.normpath(frame.values["file_path"]) for frame in frames]
-    if test and not test & set(listed):
-        raise UserError(
-            f"{data_dir / SINGLE_FILE}: its test views ({sorted(test)[0]}, ...) are no "
-            "file_path of its frames; write them alike"
-        )
+    test = _listed(frames, "test_filenames") or _listed(frames, "val_filenames")
+    train = _listed(frames, "train_filenames")
     frames = [
-        dataclasses.replace(frame, is_test=path in test)
-        for frame, path in zip(frames, listed, strict=True)
-        if not train or path in train | test
+        dataclasses.replace(frame, is_test=frame.values["file_path"] in test)
+        for frame in frames
+        if not train or frame.values["file_path"] in train | test
     ]
-    if not frames:
-        raise UserError(
-            f"{data_dir / SINGLE_FILE}: train_filenames and test_filenames name no "
-            "file_path of its frames; write them alike"
-        )
     return _scene_files(NERFSTUDIO.name, data_dir, images_dir, pair_by, frames)
 
 
@@ -136,11 +135,21 @@ def _read_frames(path: Path, is_test: bool) -> list[_Frame]:
         _Frame(
             path,
             dark_twin(locate(path.parent, f["file_path"])),
-            {**shared, **f},
+            _inherited(shared, f),
             is_test,
         )
         for f in frames
     ]
+
+
+def _inherited(shared: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    """A frame's values: its own before the file's. Where it states focal lengths in
+    one way, those that the file states in other ways are not meant for it."""
+    in_own_way = [ways for ways in FOCAL_KEYS if any(key in own for key in ways)]
+    others = {key for ways in FOCAL_KEYS if ways not in in_own_way for key in ways}
+    if in_own_way:
+        shared = {k: value for k, value in shared.items() if k not in others}
+    return {**shared, **own}
 
 
 def _decoded(content: bytes) -> str:
@@ -310,15 +319,27 @@ def _stated_mask(frame: _Frame) -> Path | None:
     return path
 
 
-def _listed(frame: _Frame, key: str) -> set[str]:
-    """The file paths that the file lists under a key; none where it has none."""
-    names = frame.values.get(key) or []
+def _listed(frames: Sequence[_Frame], key: str) -> set[str]:
+    """The ``file_path`` of the frames that the file lists under a key, in whatever
+    spelling; none where it has none. Names that mean no frame are named."""
+    path, names = frames[0].json_path, frames[0].values.get(key) or []
     if not isinstance(names, list) or not all(isinstance(n, str) for n in names):
         raise UserError(
-            f"{frame.json_path}: {key} is {str(names)[:60]}; expected a list of the "
-            "file_path of frames"
+            f"{path}: {key} is {str(names)[:60]}; expected a list of the file_path of "
+            "frames"
         )
-    return set(map(posixpath.normpath, names))
+    stated = {posixpath.normpath(f.values["file_path"]): f for f in frames}
+    names = list(map(posixpath.normpath, names))
+    found = match_by_name(names, list(stated))
+    lonely = [name for name in names if name not in found]
+    if lonely and not found:
+        raise UserError(
+            f"{path}: {key} ({lonely[0]}, ...) name no file_path of its frames; write "
+            "them alike"
+        )
+    if lonely:
+        say_once(f"WARNING: {path}: {key} name what is no frame: {some(lonely)}")
+    return {stated[name].values["file_path"] for name in found.values()}
 
 
 def _find_picture(frame: _Frame) -> Path:
@@ -376,6 +397,12 @@ def _camtoworld(frame: _Frame) -> Float[np.ndarray, "3 4"]:
 
 def _lens(frame: _Frame) -> Lens:
     width, height = _stated_size(frame)
+    foreign = [key for key in NOT_READ if frame.values.get(key, False) is not False]
+    if foreign:
+        raise UserError(
+            f"{frame.json_path}: has {foreign[0]}, which this program does not read; "
+            "expected a camera_model of nerfstudio, and its OpenGL poses"
+        )
     model = str(frame.values.get("camera_model", "OPENCV")).upper()
     if frame.values.get("is_fisheye", False):
         model = "OPENCV_FISHEYE"
@@ -388,13 +415,17 @@ def _lens(frame: _Frame) -> Lens:
         )
     pinhole = (
         *_focal_lengths(frame, width, height),
-        _number(frame, "cx", width / 2.0),
-        _number(frame, "cy", height / 2.0),
+        _middle(frame, "cx", width),
+        _middle(frame, "cy", height),
     )
+    frame = _with_listed_distortion(frame)
+
+    def lens(model: str) -> Lens:
+        terms = (_number(frame, key, 0.0) for key in DISTORTION_TERMS[model])
+        return Lens(model, width, height, (*pinhole, *terms))
+
     if model in FISHEYE_MODELS:
-        distortion = tuple(_number(frame, key, 0.0) for key in FISHEYE_TERMS)
-        return Lens("OPENCV_FISHEYE", width, height, pinhole + distortion)
-    distortion = tuple(_number(frame, key, 0.0) for key in RATIONAL_TERMS)
+        return lens("OPENCV_FISHEYE")
     # k4 to k6 are a denominator in OpenCV's full model alone; nerfstudio's k4 belongs
     # to r^8, which no lens here has.
     beyond = [k for k in ("k4", "k5", "k6") if _number(frame, k, 0.0) != 0.0]
@@ -404,12 +435,11 @@ def _lens(frame: _Frame) -> Lens:
             f"{_number(frame, beyond[0], 0.0):g}; this program has no such term in a "
             f"{model} lens: calibrate with k1, k2, k3, p1, p2, or undistort the photos"
         )
-    if any(distortion[len(PERSPECTIVE_TERMS) :]):
-        return Lens("FULL_OPENCV", width, height, pinhole + distortion)
-    if any(distortion):
-        params = pinhole + distortion[: len(PERSPECTIVE_TERMS)]
-        return Lens("OPENCV", width, height, params)
-    return Lens("PINHOLE", width, height, pinhole)
+    # The simplest lens that has all of the terms.
+    simple, full = lens("OPENCV"), lens("FULL_OPENCV")
+    if any(full.params[len(simple.params) :]):
+        return full
+    return simple if any(simple.params[len(pinhole) :]) else lens("PINHOLE")
 
 
 def _stated_size(frame: _Frame) -> tuple[int, int]:
@@ -425,28 +455,85 @@ def _stated_size(frame: _Frame) -> tuple[int, int]:
 def _focal_lengths(frame: _Frame, width: int, height: int) -> tuple[float, float]:
     """(fx, fy) in pixels, from focal lengths or fields of view; square pixels if
     only one is stated."""
-    stated = []
-    for axis, pixels in (("x", width), ("y", height)):
-        if _number(frame, f"fl_{axis}", 1.0) <= 0.0:
-            raise UserError(
-                f"{frame.json_path}: fl_{axis} of {frame.image_path.name} is "
-                f"{frame.values[f'fl_{axis}']:g}; expected pixels, above 0"
-            )
-        fov = _number(frame, f"camera_angle_{axis}", 0.0)
-        if not 0.0 <= fov < math.pi:
-            raise UserError(
-                f"{frame.json_path}: camera_angle_{axis} is {fov:g}; expected radians, "
-                "less than pi: divide degrees by 57.29578"
-            )
-        from_fov = pixels / (2.0 * math.tan(fov / 2.0)) if fov else 0.0
-        stated.append(_number(frame, f"fl_{axis}", from_fov))
+    stated = [
+        _focal_length(frame, axis, pixels)
+        for axis, pixels in (("x", width), ("y", height))
+    ]
     fx, fy = stated[0] or stated[1], stated[1] or stated[0]
     if fx <= 0.0 or fy <= 0.0:
         raise UserError(
             f"{frame.json_path}: no focal length for {frame.image_path.name}; expected "
             "fl_x and fl_y in pixels or camera_angle_x in radians"
         )
+    if fx < SHORTEST * width or fy < SHORTEST * height:
+        raise UserError(
+            f"{frame.json_path}: the focal length of {frame.image_path.name} is "
+            f"{fx:g} x {fy:g} for {width}x{height} pixels; expected pixels"
+        )
     return fx, fy
+
+
+def _focal_length(frame: _Frame, axis: str, pixels: int) -> float:
+    """In pixels, as stated for one axis in any of three ways; 0 if in none."""
+    if _number(frame, f"fl_{axis}", 1.0) <= 0.0:
+        raise UserError(
+            f"{frame.json_path}: fl_{axis} of {frame.image_path.name} is "
+            f"{frame.values[f'fl_{axis}']:g}; expected pixels, above 0"
+        )
+    fov = _number(frame, f"camera_angle_{axis}", 0.0)
+    if not 0.0 <= fov < math.pi:
+        raise UserError(
+            f"{frame.json_path}: camera_angle_{axis} is {fov:g}; expected radians, "
+            "less than pi: divide degrees by 57.29578"
+        )
+    degrees = _number(frame, f"{axis}_fov", 0.0)
+    if not 0.0 <= degrees < 180.0:
+        raise UserError(
+            f"{frame.json_path}: {axis}_fov is {degrees:g}; expected degrees, below 180"
+        )
+    ways = {
+        f"fl_{axis}": _number(frame, f"fl_{axis}", 0.0),
+        f"camera_angle_{axis}": _across(pixels, fov),
+        f"{axis}_fov": _across(pixels, math.radians(degrees)),
+    }
+    stated = {key: length for key, length in ways.items() if length}
+    if stated and max(stated.values()) > (1.0 + ALIKE) * min(stated.values()):
+        said = " but ".join(f"{key} says {f:.4g}" for key, f in stated.items())
+        raise UserError(
+            f"{frame.json_path}: two focal lengths for {frame.image_path.name}: {said} "
+            f"pixels over {pixels}; remove the wrong one"
+        )
+    return next(iter(stated.values()), 0.0)
+
+
+def _across(pixels: int, angle: float) -> float:
+    """The focal length under which so many pixels fill an angle; 0 for 0."""
+    return pixels / (2.0 * math.tan(angle / 2.0)) if angle else 0.0
+
+
+def _middle(frame: _Frame, key: str, side: int) -> float:
+    """A coordinate of the principal point, in pixels; half the side if not stated."""
+    place = _number(frame, key, side / 2.0)
+    if not min(FRACTION, 0.1 * side) < place < side:
+        raise UserError(
+            f"{frame.json_path}: {key} of {frame.image_path.name} is {place:g}, of "
+            f"{side} pixels; expected pixels, inside the picture"
+        )
+    return place
+
+
+def _with_listed_distortion(frame: _Frame) -> _Frame:
+    """With nerfstudio's list of distortion terms under their names."""
+    listed = frame.values.get("distortion_params")
+    if listed is None:
+        return frame
+    if not isinstance(listed, list) or len(listed) != len(LISTED_TERMS):
+        raise UserError(
+            f"{frame.json_path}: distortion_params of {frame.image_path.name} is "
+            f"{repr(listed)[:60]}; expected {', '.join(LISTED_TERMS)}"
+        )
+    named = dict(zip(LISTED_TERMS, listed, strict=True))
+    return dataclasses.replace(frame, values={**frame.values, **named})
 
 
 def _number(frame: _Frame, key: str, default: float) -> float:
@@ -515,6 +602,13 @@ def _sparse_points(
     similarity = poses.fit_similarity(source[:, :, 3], target[:, :, 3])
     error = np.abs(similarity.poses(source) - target)
     spread = np.linalg.norm(np.std(target[:, :, 3], axis=0))
+    turned = similarity.poses(source)[:, :, :3] * (1.0, -1.0, -1.0)
+    if np.abs(turned - target[:, :, :3]).max() < WORST_AXES:
+        raise UserError(
+            f"{data_dir}: the poses of its JSON have OpenCV's axes, as the model in "
+            f"{folder} tells; expected OpenGL's (x right, y up, z backwards): negate "
+            "the second and third column of each transform_matrix"
+        )
     if error[:, :, 3].max() > WORST_FIT * spread or error[:, :, :3].max() > WORST_AXES:
         print(
             f"warning: {folder}: its cameras are not those of the JSON; points not used"
