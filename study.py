@@ -15,9 +15,7 @@ if __name__ == "__main__":  # before the imports below, which take seconds
     script.begin(flags.study(__doc__), computes=False)
 
 import argparse
-import csv
 import dataclasses
-import io
 from collections.abc import Sequence
 
 from internal.errors import UserError
@@ -60,11 +58,9 @@ def _chart(args: argparse.Namespace) -> int:
     svg = charts.preferences(answers[0].a, results)
     table = _table(results)
     atomic.ensure_folder(args.out)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, [f.name for f in dataclasses.fields(Preference)])
-    writer.writeheader()
-    writer.writerows(dataclasses.asdict(result) for result in results)
-    atomic.write_text(numbers, text.getvalue())
+    names = [field.name for field in dataclasses.fields(Preference)]
+    rows = [list(map(str, dataclasses.astuple(result))) for result in results]
+    tables.write_csv(numbers, [names, *rows])
     pages.write_index(
         args.out,
         f"User study: {answers[0].a}",

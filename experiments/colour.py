@@ -8,13 +8,15 @@ The exposure is chosen with the truth for each capture, so that only colour diff
 
 from collections.abc import Callable
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from benchmarks.workload import markdown
 from experiments import captures
 from experiments.captures import Shot
-from internal.color import photo_to_linear
+from internal.color import linear_to_srgb, photo_to_linear
+from internal.enhancements import tone
 from internal.enhancements.look import LUMINANCE_WEIGHTS
 from internal.enhancements.metering import developed
 
@@ -95,7 +97,7 @@ def at_least(colourfulness: float) -> Way:
 def largest_channel(light: Pixels) -> Pixels:
     """The curve on v, the largest channel; hue and saturation stay."""
     largest = np.maximum(light.max(axis=-1, keepdims=True), 1e-9)
-    return _coded(light / largest * _response(largest))
+    return np.asarray(linear_to_srgb(light / largest * _response(largest)))
 
 
 def luminance(light: Pixels) -> Pixels:
@@ -105,17 +107,11 @@ def luminance(light: Pixels) -> Pixels:
     colour = light / gray * lit
     most = colour.max(axis=-1, keepdims=True)
     kept = np.clip((1.0 - lit) / np.maximum(most - lit, 1e-9), 0.0, 1.0)
-    return _coded(lit + (colour - lit) * kept)
+    return np.asarray(linear_to_srgb(lit + (colour - lit) * kept))
 
 
 def _response(light: np.ndarray) -> np.ndarray:
-    power = light**CONTRAST
-    return power / (1.0 + power**SHOULDER) ** (1.0 / SHOULDER)
-
-
-def _coded(light: np.ndarray) -> np.ndarray:
-    power = 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055
-    return np.where(light <= 0.0031308, light * 12.92, power)
+    return np.asarray(tone.response(jnp.asarray(light), CONTRAST, SHOULDER))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import ArrayLike, Float, UInt8, UInt16
 
-_UINT16_MAX = 65535.0
+UINT16_ONE = 65535.0  # what stored pictures hold for 1.0
 
 
 def srgb_to_linear(srgb: ArrayLike) -> Float[Array, "..."]:
@@ -28,8 +28,7 @@ def photo_to_linear(srgb: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
 
     By a table: large photos take a tenth of the time, and no shape is compiled for.
     """
-    place = np.clip(srgb, 0.0, 1.0) * _UINT16_MAX
-    return _linear_levels()[np.round(place).astype(np.uint16)]
+    return _linear_levels()[to_uint16(srgb)]
 
 
 def linear_to_srgb(linear_rgb: ArrayLike) -> Float[Array, "..."]:
@@ -57,9 +56,14 @@ def quantize(srgb: ArrayLike) -> Float[np.ndarray, "..."]:
     return to_uint8(srgb).astype(np.float32) / 255.0
 
 
+def to_uint16(srgb: Float[np.ndarray, "..."]) -> UInt16[np.ndarray, "..."]:
+    """Clips to [0, 1] and rounds to 16 bits, as pictures are stored."""
+    return np.round(np.clip(srgb, 0.0, 1.0) * UINT16_ONE).astype(np.uint16)
+
+
 def from_uint16(levels: UInt16[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-    """Stored pictures (65535 is 1.0) as float32 in [0, 1]."""
-    return levels.astype(np.float32) / _UINT16_MAX
+    """Stored pictures as float32 in [0, 1]."""
+    return levels.astype(np.float32) / UINT16_ONE
 
 
 @functools.cache

@@ -114,15 +114,14 @@ def world_to_ndc(
     origins: Float[Array, "*b 3"],
     directions: Float[Array, "*b 3"],
     scale: Float[Array, " 2"],
-    near: float = 1.0,
 ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
     """Rays in OpenGL world frame to NDC (exact for any centre): origin NeRF Eq. 25,
     direction NeRF Eq. 26.
 
-    The new origin is where the ray meets the plane z = -near (t = 0) and the new
+    The new origin is where the ray meets the near plane z = -1 (t = 0) and the new
     end, at t = 1, is its point at infinity.
     """
-    t = -(near + origins[..., 2:]) / directions[..., 2:]
+    t = -(1.0 + origins[..., 2:]) / directions[..., 2:]
     origins = origins + t * directions
     ox, oy, oz = jnp.moveaxis(origins, -1, 0)
     dx, dy, dz = jnp.moveaxis(directions, -1, 0)

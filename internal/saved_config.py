@@ -16,7 +16,7 @@ from beartype.roar import BeartypeCallHintViolation
 from internal import configs
 from internal.binding import NAMES
 from internal.configs import Config
-from internal.errors import UserError
+from internal.errors import UserError, one_line
 
 KIND = "@"
 
@@ -47,10 +47,9 @@ def read(path: Path) -> Config:
         if not isinstance(config, Config):
             raise TypeError("it holds no Config")
     except (BeartypeCallHintViolation, KeyError, TypeError) as error:
-        reason = " ".join(str(error).split())[:200]
         raise UserError(
-            f"{path}: written by another version of this program ({reason}); use that "
-            "version, or train into another folder"
+            f"{path}: written by another version of this program ({one_line(error)}); "
+            "use that version, or train into another folder"
         ) from error
     return config
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from internal.color import linear_to_srgb, photo_to_linear
+from internal.color import linear_to_srgb
 from internal.enhancements import metering
 from internal.enhancements.metering import (
     FITTED,
@@ -35,13 +35,12 @@ def coded(linear_rgb: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("darker", [1.0, 3.0, 5.0])
-def test_half_the_light_is_one_more_stop_and_the_same_picture(darker):
+def test_half_the_light_is_one_more_stop(darker):
     light = scene()
     bright, dark = (
         metering.meter(coded(x), PRIOR) for x in (light, light * 2.0**-darker)
     )
-    assert dark.stops - bright.stops == pytest.approx(darker, abs=0.02)
-    assert dark.srgb_mean == pytest.approx(bright.srgb_mean, abs=0.003)
+    assert dark - bright == pytest.approx(darker, abs=0.02)
 
 
 def test_order_and_number_of_pixels_do_not_matter():
@@ -49,15 +48,7 @@ def test_order_and_number_of_pixels_do_not_matter():
     once, twice = (
         metering.meter(x, PRIOR) for x in (dark, np.concatenate([dark, dark[::-1]]))
     )
-    assert once.stops == pytest.approx(twice.stops, abs=0.01)
-
-
-def test_the_mean_is_that_of_the_developed_pixels():
-    dark = coded(scene() / 16)
-    found = metering.meter(dark, PRIOR)
-    exposed = photo_to_linear(dark) * 2.0**found.stops
-    lit = linear_to_srgb(response(jnp.asarray(exposed), PRIOR.contrast, PRIOR.shoulder))
-    assert found.srgb_mean == pytest.approx(float(lit.mean()), abs=1e-4)
+    assert once == pytest.approx(twice, abs=0.01)
 
 
 def test_the_first_exposure_brings_the_largest_channel_to_the_middle():
@@ -87,8 +78,7 @@ def test_lamps_do_not_darken_the_room(share):
     lamps = room.copy()
     lamps[: int(share * len(room))] = 1.0
     plain, lit = (metering.meter(coded(x), PRIOR) for x in (room, lamps))
-    assert lit.stops > plain.stops - 1.5
-    assert lit.srgb_mean > 0.25
+    assert lit > plain - 1.5
 
 
 @pytest.mark.parametrize(
@@ -104,9 +94,8 @@ def test_lamps_do_not_darken_the_room(share):
     ids=["black", "white", "gray", "one pixel", "red", "a lamp in the dark"],
 )
 def test_any_scene_gets_a_finite_exposure(pixels):
-    found = metering.meter(pixels.astype(np.float32), PRIOR)
-    assert np.isfinite(found.stops) and abs(found.stops) <= MOST_STOPS
-    assert 0.0 <= found.srgb_mean <= 1.0
+    stops = metering.meter(pixels.astype(np.float32), PRIOR)
+    assert np.isfinite(stops) and abs(stops) <= MOST_STOPS
 
 
 def test_the_shipped_numbers_are_finite_few_and_say_what_made_them():

@@ -30,7 +30,7 @@ from tests.conftest import TINY_ENHANCED, TINY_MLP, TINY_SIZES
 from tests.test_training import make_run
 
 DARK = jnp.array([[0.02, 0.03, 0.01], [0.1, 0.08, 0.12], [0.0, 0.0, 0.0]])
-BRIGHT = Curve(5.0, jnp.float32(1.3))
+BRIGHT = Curve(5.0, jnp.float32(1.3), 1.3, 1.5)
 TINY_TONE = (
     *TINY_SIZES,
     *TINY_MLP,
@@ -44,13 +44,13 @@ TINY_TONE = (
 
 def test_response_by_hand():
     # x = 4, n = 1.5: 8 / 9
-    got = response(jnp.array([[4.0, 1.0, 0.0]]), 1.5)
+    got = response(jnp.array([[4.0, 1.0, 0.0]]), 1.5, 1.0)
     np.testing.assert_allclose(got, [[8 / 9, 0.5, 0.0]], atol=1e-6)
 
 
 def test_response_rises_everywhere_and_never_reaches_white():
     x = jnp.geomspace(1e-6, 100.0, 50)[:, None] * jnp.ones(3)
-    y = response(x, 1.3)
+    y = response(x, 1.3, 1.0)
     assert jnp.all(jnp.diff(y, axis=0) > 0) and jnp.all(y < 1)
 
 
@@ -66,7 +66,7 @@ def test_saturation_keeps_luminance_and_gray_and_one_is_identity():
 
 def test_develop_is_gain_then_response_in_linear_light():
     tone = Curve(5.0, jnp.float32(1.0), 1.3, 1.0)
-    expected = linear_to_srgb(response(32.0 * srgb_to_linear(DARK), 1.3))
+    expected = linear_to_srgb(response(32.0 * srgb_to_linear(DARK), 1.3, 1.0))
     np.testing.assert_allclose(develop(DARK, tone, NEUTRAL), expected, rtol=1e-5)
 
 
@@ -80,7 +80,7 @@ def test_strength_goes_from_the_dark_colour_to_the_developed_one():
 
 def test_develop_has_finite_gradients_in_the_dark():
     def brightness(dark, saturation):
-        return jnp.mean(develop(dark, Curve(5.0, saturation), NEUTRAL))
+        return jnp.mean(develop(dark, Curve(5.0, saturation, 1.3, 1.5), NEUTRAL))
 
     gradients = jax.grad(brightness, argnums=(0, 1))(DARK, jnp.float32(1.3))
     assert all(np.all(np.isfinite(x)) for x in gradients)

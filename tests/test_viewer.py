@@ -272,7 +272,8 @@ COLOURS = [(0.6, 0.5, 0.45), (0.2, 0.3, 0.4), (0.05, 0.05, 0.04)]
 
 
 def tone_pixel(dark, look):
-    return develop(np.array(dark) / 4, Curve(3.0, jnp.asarray(1.4)), look.edit())
+    curve = Curve(3.0, jnp.asarray(1.4), 1.3, 1.5)
+    return develop(np.array(dark) / 4, curve, look.edit())
 
 
 def gamma_pixel(dark, look):

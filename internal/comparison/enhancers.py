@@ -9,12 +9,12 @@ in [0, 1]; OpenCV's algorithms see them in 8 bits.
 from collections.abc import Callable
 
 import numpy as np
-import scipy.ndimage
 from jaxtyping import Float
 
 from internal import extras
 from internal.color import quantize, to_uint8
 from internal.comparison.lime import lime
+from internal.scene.noise import noise_level
 from internal.scoring.baselines import gain_to_mean
 
 Picture = Float[np.ndarray, "height width 3"]
@@ -25,10 +25,9 @@ PATCH, SEARCH = 7, 21  # pixels, odd; what OpenCV's documentation recommends
 # JPEG's blocks make noise alike in neighbouring pixels, so that the estimate of its
 # level is too low; where texture makes it too high, the recommended strength is enough.
 STRENGTH = 3.0  # of the denoising, in levels of noise
+LEAST_NOISE = 0.5  # 8-bit levels: that of rounding, about
 MAX_STRENGTH = 10.0  # 8-bit levels; likewise recommended, for colour pictures
 VERSION = 1  # counts changes of the results; photos made by an older one are refused
-NOISE_KERNEL = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
-MAD_OF_NORMAL = 0.6745  # median of |x| for x of standard deviation 1
 
 
 def check_available(name: str) -> None:
@@ -61,24 +60,14 @@ def denoise(srgb: Picture) -> Picture:
     """Non-local means (Buades et al. 2005), as strong as the picture is noisy."""
     import cv2
 
-    strength = min(255.0 * STRENGTH * noise_level(srgb), MAX_STRENGTH)
+    noise = max(255.0 * noise_level(srgb), LEAST_NOISE)
+    strength = min(STRENGTH * noise, MAX_STRENGTH)
     return quantize(
         cv2.fastNlMeansDenoisingColored(
             to_uint8(srgb), None, strength, strength, PATCH, SEARCH
         )
         / np.float32(255.0)
     )
-
-
-def noise_level(srgb: Picture) -> float:
-    """Standard deviation of the noise, sRGB, at least half an 8-bit level.
-
-    From the median size of a second difference that is blind to planes and straight
-    edges (Immerkær 1996); the median keeps texture out.
-    """
-    differences = scipy.ndimage.convolve(srgb, NOISE_KERNEL[..., None])
-    deviation = np.median(np.abs(differences)) / MAD_OF_NORMAL
-    return max(float(deviation / np.linalg.norm(NOISE_KERNEL)), 0.5 / 255.0)
 
 
 ENHANCERS: dict[str, Callable[[Picture], Picture]] = {

@@ -114,7 +114,7 @@ def decomposition_pictures(
 
 def _views(out: Path, reference: Result) -> list[str]:
     """The names of the test views."""
-    folder = reference.picture(out, "unchanged", "any").parent
+    folder = reference.pictures(out, "unchanged")
     return sorted(path.stem for path in folder.glob("*.png"))
 
 

@@ -63,10 +63,13 @@ class Result:
     scores: dict[str, float]  # ``evaluation.DEFINITIONS``; empty without truth
     train_minutes: float  # 0 where nothing was trained
 
+    def pictures(self, out: Path, output: str) -> Path:
+        """The folder of one output of all views."""
+        return out / self.folder / PICTURE_FOLDERS.get(output, output)
+
     def picture(self, out: Path, output: str, view: str) -> Path:
         """The file of one output of a view, whose name is given without ending."""
-        kind = PICTURE_FOLDERS.get(output, output)
-        return out / self.folder / kind / f"{view}.png"
+        return self.pictures(out, output) / f"{view}.png"
 
 
 Results = dict[str, dict[str, Result]]  # by scene, then by method

@@ -60,7 +60,7 @@ def slider_media(
             for part in report.parts_in(out / row.folder)
         }
         for output, (result, kind) in shown.items():
-            folder = result.picture(out, kind, "any").parent
+            folder = result.pictures(out, kind)
             before = f"{jobs.scene_name(data_dir)}: "
             media.setdefault(output, []).extend(report.pictures_in(out, folder, before))
     return {output: listed for output, listed in media.items() if listed}

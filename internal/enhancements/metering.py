@@ -37,14 +37,6 @@ Pixels = Float[np.ndarray, "n 3"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Exposure:
-    """What a scene is exposed to."""
-
-    stops: float  # linear light times 2^stops, before the response
-    srgb_mean: float  # mean of all channels of the developed picture: the paper's e
-
-
-@dataclasses.dataclass(frozen=True)
 class Prior:
     """A tone curve and a regression from shapes of histograms to stops.
 
@@ -76,22 +68,20 @@ def prior_of(numbers: dict[str, Any]) -> Prior:
     return Prior(**values)
 
 
-def meter(dark_srgb: Pixels, prior: Prior) -> Exposure:
-    """How a normal photo of a scene would be exposed, from its dark pixels.
+def meter(dark_srgb: Pixels, prior: Prior) -> float:
+    """Stops of linear light at which a normal photo of a scene would have been taken,
+    from its dark pixels.
 
     Args:
         dark_srgb: sRGB in [0, 1], of all training photos or a sample of them.
         prior: of ``load_prior``.
     """
-    linear_rgb = photo_to_linear(dark_srgb)
     curve = prior.contrast, prior.shoulder
-    light, counts = largest_channel(linear_rgb)
+    light, counts = largest_channel(photo_to_linear(dark_srgb))
     first, shape = first_exposure(light, counts, *curve)
     normal = exposure_to_mean(light, counts, NORMAL, *curve)
     stops = float(blended(first + correction(shape, prior), normal))
-    stops = float(np.clip(stops, -MOST_STOPS, MOST_STOPS))
-    lit = developed(linear_rgb, stops, *curve)
-    return Exposure(stops, float(np.mean(lit)))
+    return float(np.clip(stops, -MOST_STOPS, MOST_STOPS))
 
 
 def blended(

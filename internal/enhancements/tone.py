@@ -61,7 +61,7 @@ class Tone:
         """The same with the exposure of a normal photo, unless one is given."""
         if self.stops is not None:
             return self
-        stops = metering.meter(dark_srgb, metering.load_prior()).stops
+        stops = metering.meter(dark_srgb, metering.load_prior())
         return dataclasses.replace(self, stops=round(stops, 4))
 
     def terms(self, rendering: LitRendering) -> Terms:
@@ -78,8 +78,8 @@ class Curve:
 
     stops: Float[Array, ""] | float  # exposure: linear light times 2^stops
     saturation: Float[Array, ""]  # factor of what is not gray, 1 to MOST_SATURATION
-    contrast: float = struct.field(default=1.3, pytree_node=False)
-    shoulder: float = struct.field(default=1.5, pytree_node=False)
+    contrast: float = struct.field(pytree_node=False)
+    shoulder: float = struct.field(pytree_node=False)
 
 
 class ToneNetwork(nn.Module):
@@ -118,8 +118,8 @@ def saturate(
 
 def response(
     exposed: Float[Array, "*b 3"],
-    contrast: float | Float[Array, ""],
-    shoulder: float = 1.0,
+    contrast: float,
+    shoulder: float,
 ) -> Float[Array, "*b 3"]:
     """x^n / (1 + x^(n k))^(1/k), n contrast and k shoulder; linear light in [0, 1).
 

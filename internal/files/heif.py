@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from internal import extras
-from internal.errors import UserError
+from internal.errors import UserError, one_line
 
 EXTENSIONS = frozenset(".heic .heif .hif .avif".split())
 BRANDS = tuple(b"heic heix hevc hevx heim heis mif1 msf1 avif avis".split())
@@ -110,10 +110,9 @@ def _opened(path: Path) -> Iterator[Any]:
         else:
             yield pillow_heif.open_heif(path, convert_hdr_to_8bit=False)
     except (OSError, ValueError, SyntaxError, RuntimeError, EOFError) as error:
-        reason = " ".join(str(error).split())
         raise UserError(
-            f"{path}: not a readable image ({reason}); expected a whole HEIC, HEIF or "
-            "AVIF: copy the file again or remove it from the scene"
+            f"{path}: not a readable image ({one_line(error)}); expected a whole HEIC, "
+            "HEIF or AVIF: copy the file again or remove it from the scene"
         ) from error
 
 

@@ -19,7 +19,7 @@ from typing import Any
 
 from internal.errors import UserError
 from internal.files import listing
-from internal.files.atomic import PARTIAL, naming, writing
+from internal.files.atomic import PARTIAL, naming, write_text
 
 RECORD = "made_with.json"
 
@@ -151,8 +151,7 @@ def _write_record(
     folder: Path, settings: Mapping[str, Any], facts: Facts | None
 ) -> None:
     content = json.dumps({"settings": settings, "facts": facts}, indent=2)
-    with writing(folder / RECORD) as partial:
-        partial.write_text(content + "\n")
+    write_text(folder / RECORD, content + "\n")
 
 
 def _is_occupied(folder: Path) -> bool:

@@ -38,7 +38,7 @@ class Place(Protocol):
 
 
 def place_for(args: argparse.Namespace, folder: Path) -> Place:
-    """The place that ``flags.add_place`` asks for.
+    """The place that ``--jobs`` or ``--cluster`` asks for.
 
     Args:
         folder: for what a cluster keeps of its jobs.

@@ -15,9 +15,8 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 from jaxtyping import Float
-from tqdm import tqdm
 
-from internal import color
+from internal import color, progress
 from internal.errors import UserError
 from internal.files import image_io
 from internal.files.listing import list_files
@@ -90,7 +89,9 @@ def darken(
         (partial / "README.txt").write_text(text)
         truth = _truth_names(files.names, files.image_paths)
         levels = {"dark_level": 0.0, "truth_level": 0.0}
-        for view, source in enumerate(tqdm(files.image_paths, "darkening")):
+        count = len(files.image_paths)
+        shown = progress.track(files.image_paths, count, "darkening", "photo")
+        for view, source in enumerate(shown):
             _copy(source, partial / TRUTH / truth[view])
             srgb = image_io.read_srgb(source, files.upright)
             dark = capture(color.srgb_to_linear(srgb), model, view_key(model, view))

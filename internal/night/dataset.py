@@ -15,8 +15,8 @@ from pathlib import Path
 import jax
 import numpy as np
 from jaxtyping import Float
-from tqdm import tqdm
 
+from internal import progress
 from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
@@ -101,7 +101,8 @@ def render_views(
     first = render_view(0)  # compiles: threads that start together would each do so
     with ThreadPoolExecutor(RENDER_THREADS) as pool:
         others = pool.map(render_view, range(1, views))
-        return np.stack([first, *tqdm(others, "rendering", views, initial=1)])
+        shown = progress.track(others, views - 1, "rendering", "view")
+        return np.stack([first, *shown])
 
 
 def find_depth_range(

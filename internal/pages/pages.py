@@ -11,7 +11,7 @@ import urllib.parse
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
-from internal.files.atomic import writing
+from internal.files import atomic
 
 IMAGES = frozenset([".png", ".jpg", ".jpeg", ".webp", ".gif", ".bmp"])
 VIDEOS = frozenset([".mp4", ".webm"])
@@ -90,8 +90,7 @@ def write_index(
         + "\n</body>\n</html>\n"
     )
     path = folder / "index.html"
-    with writing(path) as partial:
-        partial.write_text(page, encoding="utf-8")
+    atomic.write_text(path, page)
     return path
 
 

@@ -104,8 +104,7 @@ def write(exposures: Exposures, names: Sequence[str], path: Path) -> None:
         "geometric mean 1; all exactly 1 if the photos are equally exposed",
         "gains": dict(zip(names, rounded, strict=True)),
     }
-    with atomic.writing(path) as partial:
-        partial.write_text(json.dumps(content, indent=2) + "\n")
+    atomic.write_text(path, json.dumps(content, indent=2) + "\n")
 
 
 def _seen_twice(

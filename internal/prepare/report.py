@@ -90,9 +90,8 @@ def write_report(report: Report, pictured: Pictured | None, folder: Path) -> Pat
         UserError: the folder cannot be written or the disk is full.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with atomic.writing(folder / "report.json") as partial:
-        text = json.dumps(dataclasses.asdict(report), indent=2, allow_nan=False)
-        partial.write_text(text + "\n")
+    content = json.dumps(dataclasses.asdict(report), indent=2, allow_nan=False)
+    atomic.write_text(folder / "report.json", content + "\n")
     sections: list[Section | Table] = []
     if pictured is not None:
         plots.plot_layout(pictured.camtoworlds, pictured.points, folder / "cameras.png")

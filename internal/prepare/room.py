@@ -9,7 +9,7 @@ import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from internal.errors import UserError
+from internal.errors import UserError, one_line
 from internal.files.atomic import take_room
 
 
@@ -26,10 +26,9 @@ def room(folder: Path, size: int) -> Iterator[None]:
     except OSError as error:
         raise cannot_write(folder, error) from error
     except (RuntimeError, ValueError) as error:
-        reason = " ".join(str(error).split())
         raise UserError(
-            f"{folder}: COLMAP stopped ({reason}); run the same command again, with "
-            "--overwrite if it stops again"
+            f"{folder}: COLMAP stopped ({one_line(error)}); run the same command "
+            "again, with --overwrite if it stops again"
         ) from error
 
 

@@ -99,8 +99,7 @@ def write_readme(
         registered=registered,
         truth=truth if has_truth else "",
     )
-    with atomic.writing(scene / "README.txt") as partial:
-        partial.write_text(text)
+    atomic.write_text(scene / "README.txt", text)
 
 
 def in_opencv_terms(lens: Lens) -> Lens:

@@ -25,7 +25,6 @@ from internal.scene.unround import is_rounded, unround
 
 ROTATION_TOLERANCE = 1e-2  # hand-written JSON drifts; a mirror or a scale does not pass
 SAME_PLACE = 1e-6  # of the coordinates; single precision holds no less
-UINT16_ONE = 65535.0
 GAINS_FILE = "exposures.json"  # written by prepare.py
 BRIGHTER = 4.0  # times the light of dark photos: exposures of one series differ less
 LOOKED_AT = 3  # photos of each
@@ -212,7 +211,7 @@ def load_picture(
     shrunk = _fit(srgb, lens)
     if unrounded and is_rounded(srgb):
         shrunk = unround(shrunk)
-    return _to_uint16(shrunk)
+    return color.to_uint16(shrunk)
 
 
 def load_gains(
@@ -274,7 +273,7 @@ def load_truth(
         )
     if difference == 1:
         print(f"warning: {path}: one pixel off {dark_path}; resized to its size")
-    return _to_uint16(_fit(truth, lens))
+    return color.to_uint16(_fit(truth, lens))
 
 
 def _has_shape(width: int, height: int, lens: Lens) -> bool:
@@ -288,7 +287,3 @@ def _fit(
     if srgb.shape[:2] == (lens.height, lens.width):
         return srgb
     return image_io.resize_area(srgb, lens.width, lens.height)
-
-
-def _to_uint16(srgb: Float[np.ndarray, "_h _w 3"]) -> UInt16[np.ndarray, "_h _w 3"]:
-    return np.round(np.clip(srgb, 0.0, 1.0) * UINT16_ONE).astype(np.uint16)

@@ -132,12 +132,13 @@ def estimate_noise(photos: Sequence[Float[np.ndarray, "_height _width 3"]]) -> N
     return fit([measure(channel) for channel in channels])
 
 
-def noise_level(grey: Float[np.ndarray, "height width"]) -> float:
+def noise_level(picture: Float[np.ndarray, "height width *channels"]) -> float:
     """Standard deviation of the noise of single pixels, in the picture's own unit.
 
     Median of |Laplacian|, so that edges do not count as noise.
     """
-    answer = ndimage.convolve(grey, _KERNEL)
+    kernel = _KERNEL.reshape(3, 3, *[1] * (picture.ndim - 2))
+    answer = ndimage.convolve(picture, kernel)
     return float(np.median(np.abs(answer)) / _GAUSSIAN_MAD)
 
 
@@ -198,8 +199,8 @@ def fit(channels: Sequence[Measured]) -> Noise:
 
 def record(folder: Path, noise: Noise) -> None:
     """Prints the noise and writes it to ``noise.json`` in the run folder."""
-    with atomic.writing(folder / "noise.json") as partial:
-        partial.write_text(json.dumps(dataclasses.asdict(noise), indent=2) + "\n")
+    text = json.dumps(dataclasses.asdict(noise), indent=2)
+    atomic.write_text(folder / "noise.json", text + "\n")
     level = 1.0 / (255.0 * 12.92)
     at_black = ", ".join(f"{np.sqrt(x) / level:.2f}" for x in noise.floor)
     growth = ", ".join(f"{x:.2g}" for x in noise.growth)

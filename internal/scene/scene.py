@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt16
 
 from internal.cameras import NODES, Cameras, Lens
+from internal.color import UINT16_ONE
 from internal.coord import ForwardFacing, Unbounded
 from internal.errors import UserError
 from internal.files.picture_store import Picture, hold
@@ -34,7 +35,6 @@ from internal.scene.extent import (
 from internal.scene.identity import Identity, identify
 from internal.scene.loading import (
     GAINS_FILE,
-    UINT16_ONE,
     Truth,
     check_lenses,
     check_poses,

@@ -18,7 +18,7 @@ from internal.files import image_io
 from internal.files.listing import flat_pngs, list_pictures
 from internal.scene.pairing import pair_by_name
 
-TEMPLATE = Path(__file__).parents[1] / "pages" / "assets" / "study.html"
+TEMPLATE = Path(__file__).with_suffix(".html")
 
 
 @dataclasses.dataclass(frozen=True)

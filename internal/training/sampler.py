@@ -22,6 +22,7 @@ from jaxtyping import Float, Int, PRNGKeyArray, UInt16
 
 from internal import parallel
 from internal.cameras import Cameras
+from internal.color import UINT16_ONE
 from internal.configs import Config, TrainConfig
 from internal.files.picture_store import Picture, PictureStore, gigabytes
 from internal.scene.masks import Mask
@@ -50,7 +51,7 @@ class Batch:
 
     def rgb(self) -> Float[Array, "*batch 3"]:
         """The colours as sRGB in [0, 1]."""
-        return jnp.asarray(self.levels).astype(jnp.float32) / 65535.0
+        return jnp.asarray(self.levels).astype(jnp.float32) / UINT16_ONE
 
 
 @runtime_checkable
