@@ -36,7 +36,8 @@ def viewer(night, night_run, tmp_path_factory):
         page.page.get_by_label("Show photos").uncheck()
         page.open_tab("Light")
         page.press("Bake splats to walk on")
-        until(lambda: page.bakery.walkable, "baked splats")
+        bakery = page.bakery
+        until(lambda: bakery and bakery.walkable, "baked splats")
         page.page.get_by_text("splats, drawn by your computer").wait_for()
         yield page
         page.close()
