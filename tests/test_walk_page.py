@@ -37,8 +37,7 @@ def viewer(night, night_run, tmp_path_factory):
         page.open_tab("Light")
         page.press("Bake splats to walk on")
         bakery = page.bakery
-        assert bakery is not None
-        until(lambda: bakery.walkable, "baked splats")
+        until(lambda: bakery and bakery.walkable, "baked splats")
         page.page.get_by_text("splats, drawn by your computer").wait_for()
         yield page
         page.close()
