@@ -145,6 +145,8 @@ def test_a_drag_turns_gently_about_what_is_in_the_middle(viewer):
     viewer.stand_at(viewer.studio.scene.view_names[0])
     viewer.start_over()
     before, middle = viewer.cameras[-1].camtoworld, viewer.frames[-1].middle
+    ahead = np.linalg.norm(middle - before[:, 3])
+    until(lambda: abs(viewer.reach() / ahead - 1.0) < 0.02, "what is turned about")
     viewer.drag((200, 256), (360, 256))
     until(lambda: np.abs(viewer.cameras[-1].camtoworld - before).max() > 0.1, "a move")
     viewer.settle()

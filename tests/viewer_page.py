@@ -110,6 +110,10 @@ class ViewerPage:
         until(there, f"the camera at {name}")
         self.settle()
 
+    def reach(self) -> float:
+        """How far from the browser's camera is what a drag turns about."""
+        return self.page.evaluate("() => window.__viserMutable.cameraControl.distance")
+
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         """Drags from one place of the screen to another."""
         mouse = self.page.mouse
