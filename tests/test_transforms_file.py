@@ -32,10 +32,22 @@ def folder(tmp_path_factory):
 
 def lenses(model):
     """What makes a lens of a model; no term is 0, for without any it is a pinhole."""
+    sizes, focal, middle = (
+        st.integers(20, 5000),
+        st.floats(0.3, 4.0),
+        st.floats(0.3, 0.7),
+    )
     distortion = [st.floats(0.001, 0.5)] * len(DISTORTION_TERMS[model])
-    params = st.tuples(*[st.floats(1.0, 9000.0)] * 4, *distortion)
-    sizes = st.integers(1, 5000)
-    return st.tuples(st.just(model), sizes, sizes, params)
+
+    def in_pixels(size, shares, terms):
+        return model, *size, tuple(np.multiply(shares, size * 2).tolist()) + terms
+
+    return st.builds(
+        in_pixels,
+        st.tuples(sizes, sizes),
+        st.tuples(focal, focal, middle, middle),
+        st.tuples(*distortion),
+    )
 
 
 SIX_LENSES = st.sampled_from(sorted(DISTORTION_TERMS)).flatmap(

@@ -29,6 +29,8 @@ from internal.enhancements.look import LUMINANCE_WEIGHTS, NEUTRAL, LightEdit
 from internal.structs import Level, Lit, LitRendering, Terms
 
 MOST_SATURATION = 2.0
+CONTRAST = 1.3  # slope in the log of light; metering.json is fitted with it
+SHOULDER = 1.5  # the larger, the shorter; likewise
 
 
 @configurable("Tone")
@@ -40,8 +42,8 @@ class Tone:
     neighbors: ClassVar[int] = 0
     whole_batch: ClassVar[bool] = True
 
-    contrast: float = 1.3  # slope in the log of light; metering.json is fitted with it
-    shoulder: float = 1.5  # the larger, the shorter; likewise
+    contrast: float = CONTRAST
+    shoulder: float = SHOULDER
     stops: float | None = None  # exposure; None: metered from the training photos
     colorfulness: float = 1.0  # weight of its loss, which teaches the saturation
     least_colorfulness: float = 0.14  # sRGB
