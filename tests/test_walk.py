@@ -6,6 +6,7 @@ The browser that draws them is in test_walk_page.py.
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -62,7 +63,7 @@ def lit_field(request):
         return module.enhancement(level, edit).enhanced
 
     def lit(look):
-        srgb = model.apply({"params": params}, look.edit(), method=light)
+        srgb: Any = model.apply({"params": params}, look.edit(), method=light)
         return np.clip(srgb, 0.0, 1.0)
 
     return model, params, lit
@@ -71,11 +72,11 @@ def lit_field(request):
 def baked(srgb):
     count = len(srgb)
     splats = Splats(
-        np.float32(POINTS),
-        np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
-        np.log(np.tile(np.float32([SIZE, SIZE, SIZE / 4]), (count, 1))),
+        POINTS.astype(np.float32),
+        np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
+        np.log(np.tile(np.array([SIZE, SIZE, SIZE / 4], np.float32), (count, 1))),
         np.zeros(count, np.float32),
-        np.float32((srgb - 0.5) / SH0)[:, None],
+        np.asarray((srgb - 0.5) / SH0, np.float32)[:, None],
     )
     return Baked(splats, BEFORE, step=7)
 
