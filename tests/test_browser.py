@@ -177,7 +177,7 @@ def test_a_double_click_looks_there_and_the_nearest_photo_is_named(viewer):
     ("key", "way"),
     [("w", [0, 0, -1]), ("s", [0, 0, 1]), ("a", [-1, 0, 0]), ("d", [1, 0, 0])],
 )
-def test_keys_walk_along_the_cameras_axes(viewer, key, way):
+def test_keys_walk_on_the_level_where_the_camera_looks(viewer, key, way):
     viewer.start_over()
     viewer.page.mouse.click(300, 300)  # keys go to the picture
     before = viewer.cameras[-1].camtoworld
@@ -186,7 +186,7 @@ def test_keys_walk_along_the_cameras_axes(viewer, key, way):
     viewer.page.keyboard.up(key)
     viewer.settle()
     went = (viewer.cameras[-1].camtoworld[:, 3] - before[:, 3]) @ before[:, :3]
-    np.testing.assert_allclose(went / np.linalg.norm(went), way, atol=0.1)
+    assert went @ way > 0.9 * np.linalg.norm(went)
 
 
 def apart(viewer, before):

@@ -23,6 +23,7 @@ ACCEPTED = (
     _messages.ViewerCameraMessage,
     _messages.ScenePointerMessage,
     _messages.SceneNodeClickMessage,
+    _messages.SceneNodeDragMessage,
     _messages.GuiUpdateMessage,
 )
 MOST_PIXELS = 100_000  # of a window's side

@@ -25,6 +25,14 @@ const wait = setInterval(() => {{
   clearInterval(wait);
 }}, 100);
 """
+REACH = """
+const controls = window.__viserMutable?.cameraControl;
+if (controls && !controls.currentAction) {{
+  const eye = controls.getPosition(controls.camera.position.clone());
+  const middle = controls.getTarget(eye.clone()).sub(eye).setLength({ahead}).add(eye);
+  controls.setTarget(middle.x, middle.y, middle.z, false);
+}}
+"""
 NEAR_ENOUGH = 0.01  # of the distance to what is turned about
 OPENCV_AXES = np.diag([1.0, -1.0, -1.0])
 THUMBNAIL_WIDTH = 64  # pixels
@@ -58,12 +66,16 @@ def look_at(client: viser.ClientHandle, point: Float[np.ndarray, " 3"]) -> None:
 
 def turn_about(client: viser.ClientHandle, point: Float[np.ndarray, " 3"]) -> None:
     """Makes a drag turn about a point on the axis of a browser's camera, unless it
-    turns about one near it: the browser answers what it is told by moving a little."""
+    turns about one near it.
+
+    The browser is told how far ahead that is, not where: its camera may have moved
+    meanwhile, and would turn towards a point. A drag ends about what it began about.
+    """
     camera = camera_of(client.camera)
     ahead = (camera.camtoworld[:, 3] - point) @ camera.camtoworld[:, 2]
     apart = np.linalg.norm(client.camera.look_at - point)
     if ahead > 2.0 * client.camera.near and apart > NEAR_ENOUGH * ahead:
-        client.camera.look_at = point
+        _run(client, REACH.format(ahead=ahead))
 
 
 def make_gentle(client: viser.ClientHandle) -> None:
@@ -72,7 +84,12 @@ def make_gentle(client: viser.ClientHandle) -> None:
     A drag over the height of the window is a whole turn otherwise. viser offers its
     controls to scripts on the page as ``__viserMutable``; without it all else works.
     """
-    message = _messages.RunJavascriptMessage(GENTLE.format(share=TURN_PER_DRAG))
+    _run(client, GENTLE.format(share=TURN_PER_DRAG))
+
+
+def _run(client: viser.ClientHandle, script: str) -> None:
+    """Runs a script on a browser's page."""
+    message = _messages.RunJavascriptMessage(script)
     client.gui._websock_interface.queue_message(message)
 
 
