@@ -147,6 +147,10 @@ def read_exif(path: Path) -> Exif:
     return Exif(" ".join(filter(None, (maker, model))), lens, *numbers)
 
 
+JPEG = (".jpg", ".jpeg")  # libjpeg ends the process on a full disk
+MOST_HEADER = 1 << 12  # bytes
+
+
 def write(
     path: Path,
     srgb: Float[np.ndarray, "height width channels"],
@@ -168,6 +172,8 @@ def write(
     buffer.set_write_format("float" if path.suffix == ".exr" else f"uint{bits}")
     buffer.specmod()["Compression"] = f"jpeg:{jpeg_quality}"  # no other format heeds it
     with atomic.writing(path) as partial:
+        if path.suffix.lower() in JPEG:
+            atomic.take_room(path.parent, buffer.spec().image_bytes() + MOST_HEADER)
         is_written = buffer.write(str(partial))
         if not is_written or not _is_whole(partial):  # a full disk may be no error
             reason = " ".join(buffer.geterror().split()) or "it is not whole there"
