@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A picture file is read right, or refused in one line that names it."""
 
+import resource
 import struct
 import zlib
 
@@ -305,3 +306,17 @@ def test_a_gif_is_read_whatever_index_the_library_states_of_its_alpha(tmp_path):
     PIL.Image.new("RGB", (8, 6), (51, 51, 51)).save(tmp_path / "a.gif")
     read = image_io.read_srgb(tmp_path / "a.gif")
     np.testing.assert_allclose(read, 51 / 255, atol=1e-6)
+
+
+@pytest.mark.parametrize("ending", ["png", "jpg", "tif", "exr", "webp"])
+def test_a_picture_that_the_disk_did_not_take_whole_is_an_error(ending, tmp_path):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20, limits[1]))  # bytes of a file
+    try:
+        with pytest.raises(UserError, match="cannot write"):
+            image_io.write(tmp_path / f"a.{ending}", np.full((9, 9, 3), 0.5))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not list(tmp_path.iterdir())
+    image_io.write(tmp_path / f"a.{ending}", np.full((9, 9, 3), 0.5))
+    assert len(list(tmp_path.iterdir())) == 1

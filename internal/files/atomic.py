@@ -72,8 +72,8 @@ def write_text(path: Path, text: str) -> None:
 
 
 def take_room(folder: Path, size: int) -> None:
-    """Writes so many bytes, in whole blocks, and removes them: for libraries whose
-    threads do not outlive a full disk.
+    """Writes so many bytes and removes them: for libraries that end the process, or
+    whose threads do, where a disk is full.
 
     Raises:
         OSError: they cannot be written.
@@ -81,8 +81,8 @@ def take_room(folder: Path, size: int) -> None:
     probe = folder / f"{PARTIAL}room"
     try:
         with probe.open("wb") as file:
-            for _ in range(0, size, len(BLOCK)):
-                file.write(BLOCK)
+            for start in range(0, size, len(BLOCK)):
+                file.write(BLOCK[: size - start])
     finally:
         with contextlib.suppress(OSError):
             probe.unlink(missing_ok=True)

@@ -147,6 +147,10 @@ def read_exif(path: Path) -> Exif:
     return Exif(" ".join(filter(None, (maker, model))), lens, *numbers)
 
 
+JPEG = (".jpg", ".jpeg")  # libjpeg ends the process on a full disk
+MOST_HEADER = 1 << 12  # bytes
+
+
 def write(
     path: Path,
     srgb: Float[np.ndarray, "height width channels"],
@@ -168,11 +172,22 @@ def write(
     buffer.set_write_format("float" if path.suffix == ".exr" else f"uint{bits}")
     buffer.specmod()["Compression"] = f"jpeg:{jpeg_quality}"  # no other format heeds it
     with atomic.writing(path) as partial:
-        if not buffer.write(str(partial)):
-            reason = " ".join(buffer.geterror().split())
+        if path.suffix.lower() in JPEG:
+            atomic.take_room(path.parent, buffer.spec().image_bytes() + MOST_HEADER)
+        is_written = buffer.write(str(partial))
+        if not is_written or not _is_whole(partial):  # a full disk may be no error
+            reason = " ".join(buffer.geterror().split()) or "it is not whole there"
             raise UserError(
                 f"{path}: cannot write ({reason}); free space or pick another folder"
             )
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether all of a picture that was written is in its file."""
+    kind = path.suffix.lower().lstrip(".").replace("jpg", "jpeg")
+    if kind in END_CHECKS:
+        return END_CHECKS[kind](path.read_bytes())
+    return oiio.ImageBuf(str(path)).read()
 
 
 def with_alpha(

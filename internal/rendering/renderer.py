@@ -33,12 +33,13 @@ class Renderer:
     ) -> None:
         """
         Args:
-            chunk: rays per call.
+            chunk: rays per call, at most; no more than a view of ``cameras`` has.
             keep: what is wanted of a rendering; the compiler drops what only the
                 rest needs.
         """
         devices = mesh.devices.size
-        rays_per_call = -(-chunk // devices) * devices
+        largest = int(np.max(np.int64(cameras.widths) * np.int64(cameras.heights)))
+        rays_per_call = -(-min(chunk, largest) // devices) * devices
         sharding = parallel.batch_sharding(mesh)
 
         apply: Any = model.apply
