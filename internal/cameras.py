@@ -101,9 +101,10 @@ def _between_nodes(
     pixel: Int[Array, "*batch"], size: Int[Array, "*batch"]
 ) -> tuple[Int[Array, "*batch"], Float[Array, "*batch 1"]]:
     """The node before a pixel's centre, and how far it is on to the next, 0 to 1."""
-    place = pixel * ((NODES - 1) / jnp.maximum(size - 1, 1))
+    apart = (NODES - 1) / jnp.maximum(size - 1, 1)
+    place = jnp.asarray(pixel).astype(apart.dtype) * apart
     node = jnp.minimum(place.astype(jnp.int32), NODES - 2)
-    return node, (place - node)[..., None]
+    return node, (place - node.astype(place.dtype))[..., None]
 
 
 def cast_rays(

@@ -23,7 +23,7 @@ def stratified_positions(
         offset = jnp.full((rays, 1), 0.5)
     else:
         offset = jax.random.uniform(key, (rays, 1))
-    return (jnp.arange(count) + offset) / count
+    return (jnp.arange(count, dtype=offset.dtype) + offset) / count
 
 
 def blur_weights(weights: Float[Array, "*b n"], padding: float) -> Float[Array, "*b n"]:

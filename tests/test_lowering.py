@@ -12,6 +12,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 from jax import export
 from jax.sharding import AbstractMesh, AxisType, NamedSharding, PartitionSpec
@@ -115,6 +116,18 @@ def test_the_step_lowers_for_gpus_and_tpus_and_splits_its_batch(
     assert len(split) == 5  # view, x, y, levels, gains
 
 
+@pytest.mark.parametrize("name", ON_ONE)
+def test_no_type_of_a_step_is_promoted_silently(
+    name, tiny_cameras, tiny_images, ndc, monkeypatch
+):
+    """But in Adam, where optax raises a float to an integer power."""
+    monkeypatch.setattr(training, "make_optimizer", lambda *_: optax.sgd(1.0))
+    mesh = abstract_mesh(1)
+    step, leaves, _ = step_on_leaves(tiny(name), mesh, tiny_cameras, tiny_images, ndc)
+    with jax.numpy_dtype_promotion("strict"):
+        lowered(step, leaves)
+
+
 @pytest.mark.parametrize(
     ("name", "devices"), [*((x, 4) for x in SHIPPED), ("llnerf_best", 1)]
 )
@@ -128,7 +141,8 @@ def test_rendering_lowers_for_gpus_and_tpus(name, devices, tiny_cameras, ndc):
     camera = tiny_cameras.take(np.array([0]))
     given = (params, camera, ndc, NEUTRAL, jnp.int32(0))
     render = on_leaves(renderer._render_chunk, *given, shardings=[whole] * 5)
-    exported, text = lowered(*render)
+    with jax.numpy_dtype_promotion("strict"):
+        exported, text = lowered(*render)
     assert exported.nr_devices == devices
     assert re.search(r'sdy.sharding_constraint .*\[\{"data"\}\]', text)
 

@@ -9,6 +9,7 @@ import pytest
 
 from internal import parallel
 from internal.cameras import cast_rays
+from internal.cli import load_split
 from internal.color import expose, linear_to_srgb, srgb_to_linear
 from internal.configs import load_config
 from internal.enhancements.look import NEUTRAL
@@ -17,7 +18,7 @@ from internal.models import Model
 from internal.scene import noise
 from internal.training import optimizer, sampler
 from internal.training import step as training
-from tests.conftest import TINY_MODEL
+from tests.conftest import TINY_MODEL, bindings
 
 
 def make_run(
@@ -45,6 +46,20 @@ def make_run(
 @pytest.fixture(scope="module")
 def tiny_run(tiny_config, tiny_cameras, tiny_images, ndc):
     return make_run(tiny_config, tiny_cameras, tiny_images, ndc, jax.devices()[:1])
+
+
+@pytest.mark.parametrize("most", [10.0, 0.0], ids=["resident", "fed"])
+def test_a_step_moves_nothing_but_its_batch_between_host_and_devices(night, most):
+    """No copy that nobody asked for: each would make the devices wait."""
+    config = load_config([], [*bindings(night), f"Config.max_image_memory = {most}"])
+    model, scene = Model(config.model), load_split(config, "train")
+    mesh = parallel.data_mesh(config.train.batch_size)
+    state = parallel.replicate(training.initial_state(config, model), mesh)
+    take_step = training.compiled_step(config, model, scene, mesh)
+    state, _ = take_step(state, 0)
+    with jax.transfer_guard("disallow"):
+        state, _ = take_step(state, 1)
+    assert int(state.step) == 2
 
 
 def test_four_devices_give_what_one_gives(

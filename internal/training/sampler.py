@@ -250,7 +250,8 @@ class PixelFeeder:
 
     def feed(self, step: int) -> FedPixels:
         """The batch that ``ResidentPixels.batch`` gives after ``step`` steps."""
-        sampled = jax.device_get(self._sample(np.int32(step), self._choices))
+        number = jax.device_put(np.int32(step))
+        sampled = jax.device_get(self._sample(number, self._choices))
         pixels = jax.tree.map(lambda x: x[self._share], sampled)
         levels = self._images.pixels(pixels.view, pixels.x, pixels.y)
         batch = Batch(pixels, levels, self._gains[pixels.view])
