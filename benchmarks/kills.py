@@ -44,12 +44,7 @@ def main() -> int:
 
 def killed(script: Script, folder: Path, kills: int, moments: random.Random):
     """What is wrong after each few kills of a script; "" where nothing is."""
-    trials.set_up(script, folder)
-    started = time.monotonic()
-    code = trials.start(script, folder).wait()
-    seconds = time.monotonic() - started
-    assert code == 0, (script, code)
-    whole = trials.result(script, folder)
+    whole, seconds = trials.undisturbed(script, folder)
     for _ in range(0, kills, KILLS_IN_A_ROW):
         trials.set_up(script, folder)
         for _ in range(KILLS_IN_A_ROW):
@@ -59,15 +54,7 @@ def killed(script: Script, folder: Path, kills: int, moments: random.Random):
             process.wait()
             if torn := trials.half_written(script, folder, whole):
                 yield f"half-written: {torn}"
-        process = trials.start(script, folder)
-        _, error = process.communicate()
-        if process.returncode:
-            yield f"exit {process.returncode}: {error[-300:]}"
-        elif trials.result(script, folder) != whole:
-            yield "differs"
-        else:
-            left = trials.leftovers(folder)
-            yield f"left: {left}" if left else ""
+        yield trials.ended(script, folder, whole)
 
 
 if __name__ == "__main__":

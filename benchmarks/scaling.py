@@ -88,12 +88,13 @@ def cost_of(file: str, count: int) -> Cost:
     compiled = lowered.compile()
     memory: Any = compiled.memory_analysis()
     costs: Any = lowered.cost_analysis()
+    passed = traffic(compiled.as_text() or "")
     flops = costs["flops"] * config.train.passes / count
     return Cost(
         memory.argument_size_in_bytes,
         memory.temp_size_in_bytes,
         flops,
-        summed_bytes(compiled.as_text() or ""),
+        4.0 * sum(numbers for kind, numbers in passed if kind == "all-reduce"),
     )
 
 
@@ -120,11 +121,16 @@ def on_devices(tree: tuple, mesh: Mesh) -> tuple:
     )
 
 
-def summed_bytes(program: str) -> float:
-    """Bytes of all float32 all-reduces in a compiled program."""
-    sums = re.findall(r"= (.*?) all-reduce(?:-start)?\(", program)
-    sizes = re.findall(r"f32\[([\d,]*)\]", " ".join(sums))
-    return 4.0 * sum(math.prod(map(int, re.findall(r"\d+", size))) for size in sizes)
+def traffic(program: str) -> list[tuple[str, int]]:
+    """What a compiled program passes between devices: the kind of each collective, and
+    of how many numbers."""
+    found = []
+    pattern = r"= (.*?) (all-\w+|collective-\w+|reduce-scatter)(?:-start)?\("
+    for shapes, kind in re.findall(pattern, program):
+        sizes = re.findall(r"[a-z]\d+\[([\d,]*)\]", shapes)
+        numbers = [math.prod(map(int, re.findall(r"\d+", size))) for size in sizes]
+        found.append((kind, sum(numbers)))
+    return found
 
 
 if __name__ == "__main__":

@@ -40,9 +40,7 @@ def main() -> int:
     rows = []
     with trials.trials() as folder:
         for script in trials.SCRIPTS:
-            trials.set_up(script, folder)
-            assert trials.start(script, folder).wait() == 0, script
-            whole = trials.result(script, folder)
+            whole, _ = trials.undisturbed(script, folder)
             sizes = np.geomspace(4096, LARGEST, args.places).astype(int)
             shortages = {
                 "full disk": full(script, folder, whole, sizes),
@@ -77,7 +75,7 @@ def full(script: Script, folder: Path, whole: object, sizes) -> Iterator[str]:
                 if torn:
                     yield f"{size} bytes: half-written {torn}"
             disk.remount(f"size={8 * LARGEST}")
-            yield ended(script, folder, whole)
+            yield trials.ended(script, folder, whole)
 
 
 def read_only(script: Script, folder: Path, whole: object) -> Iterator[str]:
@@ -92,7 +90,7 @@ def read_only(script: Script, folder: Path, whole: object) -> Iterator[str]:
         if said := trials.fault(error):
             yield said
         disk.remount("rw")
-        yield ended(script, folder, whole)
+        yield trials.ended(script, folder, whole)
 
 
 def without_memory(script: Script, folder: Path) -> Iterator[str]:
@@ -119,19 +117,7 @@ def two_at_once(script: Script, folder: Path, whole: object) -> Iterator[str]:
         _, error = process.communicate()
         if process.returncode and (said := trials.fault(error)):
             yield f"exit {process.returncode}: {said}"
-    yield ended(script, folder, whole)
-
-
-def ended(script: Script, folder: Path, whole: object) -> str:
-    """What is wrong once the command is run (again); "" if nothing."""
-    process = trials.start(script, folder)
-    _, error = process.communicate()
-    if process.returncode:
-        return f"then exit {process.returncode}: {error[-300:]}"
-    if trials.result(script, folder) != whole:
-        return "then differs"
-    left = trials.leftovers(folder)
-    return f"then left {left}" if left else ""
+    yield trials.ended(script, folder, whole)
 
 
 class Mounted:

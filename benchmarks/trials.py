@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -115,6 +116,28 @@ def result(script: Script, folder: Path) -> object:
     """All that a script made, to compare with ``==``."""
     made = folder / PLACE / script.made
     return _trained(made) if script.name == "train" else contents(made)
+
+
+def undisturbed(script: Script, folder: Path) -> tuple[object, float]:
+    """What a script makes that nothing happens to, and the seconds it takes."""
+    set_up(script, folder)
+    started = time.monotonic()
+    code = start(script, folder).wait()
+    seconds = time.monotonic() - started
+    assert code == 0, (script, code)
+    return result(script, folder), seconds
+
+
+def ended(script: Script, folder: Path, whole: object) -> str:
+    """What is wrong once the command is run (again); "" if nothing."""
+    process = start(script, folder)
+    _, error = process.communicate()
+    if process.returncode:
+        return f"then exit {process.returncode}: {error[-300:]}"
+    if result(script, folder) != whole:
+        return "then differs"
+    left = leftovers(folder)
+    return f"then left {left}" if left else ""
 
 
 def contents(folder: Path) -> dict[str, str]:

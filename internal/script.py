@@ -27,8 +27,7 @@ def begin(parser: argparse.ArgumentParser, *, computes: bool = True) -> None:
     try:
         flags.check_named(args)
     except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(USER_ERROR_EXIT)
+        sys.exit(_failed(error))
     if computes:
         process.restart_tuned()
 
@@ -39,26 +38,27 @@ def run(main: Callable[[Sequence[str]], int]) -> None:
     try:
         code = main(sys.argv[1:])
     except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        code = USER_ERROR_EXIT
+        code = _failed(error)
     except (MemoryError, RuntimeError) as error:
         if not is_out_of_memory(error):
             raise
-        print(
-            f"error: memory does not suffice ({one_line(error)}); lower "
-            "Train.batch_size to train, Render.chunk to render, or shrink the photos "
-            "with Config.factor",
-            file=sys.stderr,
+        code = _failed(
+            f"memory does not suffice ({one_line(error)}); lower Train.batch_size to "
+            "train, Render.chunk to render, or shrink the photos with Config.factor"
         )
-        code = USER_ERROR_EXIT
     except Diverged as error:
-        print(f"error: {error}", file=sys.stderr)
-        code = FAILURE_EXIT
+        code = _failed(error, FAILURE_EXIT)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         code = 128 + signal.SIGINT
     sys.stdout.flush()
     sys.exit(code)
+
+
+def _failed(reason: object, code: int = USER_ERROR_EXIT) -> int:
+    """Says why; the exit code."""
+    print(f"error: {reason}", file=sys.stderr)
+    return code
 
 
 def is_out_of_memory(error: Exception) -> bool:

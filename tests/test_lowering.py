@@ -5,7 +5,6 @@ Each shipped configuration's programs are lowered for both, in the sizes of test
 passes between devices is read in the programs that the CPU's compiler partitioned.
 """
 
-import math
 import re
 from pathlib import Path
 
@@ -17,6 +16,7 @@ import pytest
 from jax import export
 from jax.sharding import AbstractMesh, AxisType, NamedSharding, PartitionSpec
 
+from benchmarks.scaling import traffic
 from internal import parallel
 from internal.configs import load_config, with_effect
 from internal.enhancements.look import NEUTRAL
@@ -167,17 +167,6 @@ def test_baking_splats_lowers_for_gpus_and_tpus():
         lowered(*on_leaves(function, *arguments))
 
 
-def traffic(text):
-    """What compiled code passes between devices: numbers of each collective."""
-    found = []
-    pattern = r"= (.*?) (all-\w+|collective-\w+|reduce-scatter)(?:-start)?\("
-    for shapes, kind in re.findall(pattern, text):
-        sizes = re.findall(r"[a-z]\d+\[([\d,]*)\]", shapes)
-        numbers = [math.prod(map(int, re.findall(r"\d+", size))) for size in sizes]
-        found.append((kind, sum(numbers)))
-    return found
-
-
 @pytest.mark.parametrize(("name", "fed"), [("llnerf_best", False), ("nerf_fast", True)])
 def test_devices_sum_each_gradient_once_and_pass_nothing_else(
     name, fed, tiny_cameras, tiny_images, ndc
@@ -187,7 +176,7 @@ def test_devices_sum_each_gradient_once_and_pass_nothing_else(
     step, leaves, weights = step_on_leaves(
         config, mesh, tiny_cameras, tiny_images, ndc, fed
     )
-    passed = traffic(step.lower(*leaves).compile().as_text())
+    passed = traffic(step.lower(*leaves).compile().as_text() or "")
     assert {kind for kind, _ in passed} == {"all-reduce"}
     assert sum(numbers > SCALARS for _, numbers in passed) == 1
     assert weights <= sum(numbers for _, numbers in passed) <= weights + SCALARS

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The density of a trained field at points of space, without rays."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
@@ -40,13 +40,28 @@ def make_density(model: Model, params: Params, footprint: float) -> Density:
 
     def density(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
         values = [np.zeros(0, np.float32)]
-        for start in range(0, len(points), POINTS_PER_CALL):
-            some = np.asarray(points[start : start + POINTS_PER_CALL], np.float32)
-            padded = np.pad(some, ((0, POINTS_PER_CALL - len(some)), (0, 0)), "edge")
-            values.append(np.asarray(call(params, padded))[: len(some)])
+        for count, some in in_calls(points):
+            values.append(np.asarray(call(params, *some))[:count])
         return np.concatenate(values)
 
     return density
+
+
+def in_calls(
+    *where: Float[np.ndarray, "n ..."],
+) -> Iterator[tuple[int, list[Float[np.ndarray, "m ..."]]]]:
+    """What to ask a field about points, ``POINTS_PER_CALL`` at a time: how many are
+    asked about, and the float32 arrays, brought to that length by the last point so
+    that one program is compiled."""
+    for start in range(0, len(where[0]), POINTS_PER_CALL):
+        some = [x[start : start + POINTS_PER_CALL] for x in where]
+        count = len(some[0])
+        yield count, [_padded(np.asarray(x, np.float32)) for x in some]
+
+
+def _padded(values: Float[np.ndarray, "some ..."]) -> Float[np.ndarray, "m ..."]:
+    missing = POINTS_PER_CALL - len(values)
+    return np.pad(values, [(0, missing)] + [(0, 0)] * (values.ndim - 1), "edge")
 
 
 def to_field_space(

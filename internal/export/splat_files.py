@@ -18,7 +18,7 @@ from jaxtyping import ArrayLike, Float
 
 from internal.color import srgb_to_linear
 from internal.errors import UserError
-from internal.export.splats import SH0, Splats
+from internal.export.splats import Splats, base_colors
 from internal.files import atomic, ply
 
 EXTENSION = "KHR_gaussian_splatting"
@@ -150,7 +150,7 @@ def _attributes(splats: Splats) -> dict[str, Float[np.ndarray, "n ..."]]:
     opacities = 1.0 / (1.0 + np.exp(-logits))
     quaternions = np.asarray(splats.quaternions, np.float64)
     quaternions /= np.linalg.norm(quaternions, axis=-1, keepdims=True)
-    srgb = np.clip(0.5 + SH0 * harmonics[:, 0], 0.0, 1.0)
+    srgb = np.clip(base_colors(harmonics), 0.0, 1.0)
     linear = np.asarray(srgb_to_linear(srgb))
     named = {
         "POSITION": np.asarray(splats.points),

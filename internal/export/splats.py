@@ -9,6 +9,8 @@ opacity ``sigmoid(opacity_logits)`` in a colour that spherical harmonics state: 
 ``n`` counts splats, ``k`` harmonics: 1 is one colour for all directions, 4 is degree 1.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -100,11 +102,18 @@ def rotations(quaternions: Float[Array, "n 4"]) -> Float[Array, "n 3 3"]:
     return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def base_colors(
+    harmonics: Float[Array | np.ndarray, "n k 3"],
+) -> Float[Array | np.ndarray, "n 3"]:
+    """sRGB of splats but for what depends on the direction; not clipped."""
+    return 0.5 + SH0 * harmonics[:, 0]
+
+
 def colors_towards(
     harmonics: Float[Array, "n k 3"], directions: Float[Array, "n 3"]
 ) -> Float[Array, "n 3"]:
     """sRGB of splats in unit directions from the camera to them; not negative."""
-    srgb = 0.5 + SH0 * harmonics[:, 0]
+    srgb: Any = base_colors(harmonics)
     if harmonics.shape[1] > 1:
         x, y, z = jnp.split(directions, 3, axis=-1)
         srgb += SH1 * (-y * harmonics[:, 1] + z * harmonics[:, 2] - x * harmonics[:, 3])

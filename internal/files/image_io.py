@@ -45,6 +45,7 @@ ADOBE_RGB_ENTRIES = (
     b"\x01\0\x02\0\x04\0\0\0R03\0",
     b"\0\x01\0\x02\0\0\0\x04R03\0",
 )
+MOST_HEADER = 1 << 12  # bytes of a JPEG beside its pixels
 RAW_EXTENSIONS = frozenset(
     ".dng .arw .cr2 .cr3 .nef .orf .raf .rw2 .pef .srw .x3f .raw".split()
 )
@@ -147,10 +148,6 @@ def read_exif(path: Path) -> Exif:
     return Exif(" ".join(filter(None, (maker, model))), lens, *numbers)
 
 
-JPEG = (".jpg", ".jpeg")  # libjpeg ends the process on a full disk
-MOST_HEADER = 1 << 12  # bytes
-
-
 def write(
     path: Path,
     srgb: Float[np.ndarray, "height width channels"],
@@ -172,7 +169,7 @@ def write(
     buffer.set_write_format("float" if path.suffix == ".exr" else f"uint{bits}")
     buffer.specmod()["Compression"] = f"jpeg:{jpeg_quality}"  # no other format heeds it
     with atomic.writing(path) as partial:
-        if path.suffix.lower() in JPEG:
+        if _kind(path) == "jpeg":  # libjpeg ends the process on a full disk
             atomic.take_room(path.parent, buffer.spec().image_bytes() + MOST_HEADER)
         is_written = buffer.write(str(partial))
         if not is_written or not _is_whole(partial):  # a full disk may be no error
@@ -184,10 +181,15 @@ def write(
 
 def _is_whole(path: Path) -> bool:
     """Whether all of a picture that was written is in its file."""
-    kind = path.suffix.lower().lstrip(".").replace("jpg", "jpeg")
-    if kind in END_CHECKS:
-        return END_CHECKS[kind](path.read_bytes())
+    has_end = END_CHECKS.get(_kind(path))
+    if has_end:
+        return has_end(path.read_bytes())
     return oiio.ImageBuf(str(path)).read()
+
+
+def _kind(path: Path) -> str:
+    """The format that is written to a file of that name, as in ``END_CHECKS``."""
+    return path.suffix.lower().lstrip(".").replace("jpg", "jpeg")
 
 
 def with_alpha(

@@ -9,7 +9,6 @@ it, so that a second run with the same settings costs nothing.
 """
 
 import contextlib
-import fcntl
 import json
 import os
 import shutil
@@ -20,6 +19,7 @@ from typing import Any
 from internal.errors import UserError
 from internal.files import listing
 from internal.files.atomic import PARTIAL, naming, write_text
+from internal.files.locks import take_lock
 
 RECORD = "made_with.json"
 
@@ -53,22 +53,24 @@ def make_folder(
     partial = folder.with_name(f"{PARTIAL}{folder.name}")
     with naming(folder):
         partial.mkdir(parents=True, exist_ok=True)
-    with alone_in(partial), contextlib.ExitStack() as stack:
-        stack.callback(shutil.rmtree, partial, ignore_errors=True)
-        with naming(folder):
-            _empty(partial)  # of what a killed one left
-            facts = fill(partial)
-            _write_record(partial, settings, facts)
-            if record:
-                shutil.rmtree(folder)
-            partial.replace(folder)
+    with alone_in(partial):
+        try:
+            with naming(folder):
+                _empty(partial)  # of what a killed one left
+                facts = fill(partial)
+                _write_record(partial, settings, facts)
+                if record:
+                    shutil.rmtree(folder)
+                partial.replace(folder)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
     return facts
 
 
 @contextlib.contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Runs while no other process runs so in that folder. The lock is the system's
-    and ends with the process, however that ends; some file systems have none.
+    """Runs while no other process runs so in that folder, as far as the file system
+    has locks.
 
     Raises:
         UserError: another process does.
@@ -77,13 +79,11 @@ def alone_in(folder: Path) -> Iterator[None]:
         handle = os.open(folder, os.O_RDONLY)
     try:
         with contextlib.suppress(OSError):
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
+            if not take_lock(handle):
                 raise UserError(
                     f"{folder}: the same command is running there; wait for it, or "
                     "choose another folder"
-                ) from error
+                )
         yield
     finally:
         os.close(handle)
@@ -126,7 +126,7 @@ def begin_folder(
 
 def finish_folder(folder: Path, facts: Facts) -> None:
     """Records that a folder which ``begin_folder`` opened is complete."""
-    record = _read_record(folder)
+    record = read_record(folder)
     assert record is not None, folder
     _write_record(folder, record["settings"], facts)
 
@@ -136,7 +136,7 @@ def _own_record(
 ) -> dict[str, Any] | None:
     """The record of a folder that may be used with these settings, if it has one."""
     settings = json.loads(json.dumps(settings))  # as a record holds them
-    record = _read_record(folder)
+    record = read_record(folder)
     if record is None and folder.exists() and _is_occupied(folder):
         raise UserError(f"{folder}: not made by this program; choose another folder")
     if record and not overwrite and record["settings"] != settings:
@@ -160,7 +160,7 @@ def _is_occupied(folder: Path) -> bool:
     return not all(map(listing.is_metadata, folder.iterdir()))
 
 
-def _read_record(folder: Path) -> dict[str, Any] | None:
+def read_record(folder: Path) -> dict[str, Any] | None:
     """The record of a folder that ``make_folder`` made."""
     try:
         record = json.loads((folder / RECORD).read_text())

@@ -17,7 +17,7 @@ from internal.prepare.photos import Found
 from internal.prepare.report import Pictured, Report, Tried
 from internal.prepare.scene_files import HOLDOUT
 from internal.prepare.statistics import PhotoStatistics
-from internal.scene.extent import Bounds, find_bounds
+from internal.scene.extent import Bounds, find_bounds, known_bounds
 from internal.scene.loading import fit_lenses, held_out
 from internal.scene.readers.base import SceneFiles
 
@@ -137,7 +137,8 @@ def _bounds(files: SceneFiles) -> Bounds | None:
     """Near and far as the trainer will find them, or None where it will not."""
     is_test = held_out(files, HOLDOUT)
     try:
-        return find_bounds(files, fit_lenses(files, 1), ~is_test, 0.0, 0.0)
+        known = known_bounds(files, fit_lenses(files, 1), ~is_test)
+        return find_bounds(files, known, 0.0, 0.0)
     except UserError:
         return None
 

@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from internal.errors import UserError
-from internal.files.atomic import writing
+from internal.files.atomic import write_text
 from internal.poses import average_pose, focus_point
 
 FEWEST_AROUND = 8  # views: fewer say nothing about what lies between them
@@ -225,9 +225,8 @@ def to_json(
     last_row = np.tile([[[0.0, 0.0, 0.0, 1.0]]], (len(camtoworlds), 1, 1))
     matrices = np.concatenate([camtoworlds, last_row], axis=1).reshape(-1, 16)
     entries = [{"camera_to_world": matrix} for matrix in matrices.tolist()]
-    with writing(path) as partial:
-        content = {"camera_path": entries, "fps": fps, **(facts or {})}
-        partial.write_text(json.dumps(content))
+    content = {"camera_path": entries, "fps": fps, **(facts or {})}
+    write_text(path, json.dumps(content))
 
 
 def _focus_depth(near: float, far: float) -> float:

@@ -48,20 +48,19 @@ class Frame:
 
 
 def find_bounds(
-    files: SceneFiles,
-    lenses: tuple[Lens, ...],
-    is_train: Bool[np.ndarray, " n"],
-    near: float,
-    far: float,
+    files: SceneFiles, known: Bounds | None, near: float, far: float
 ) -> Bounds:
-    """Near and far: as given (not 0), else as the files state, else from points.
+    """Near and far: as given (not 0), else as known, else from the cameras.
+
+    Args:
+        known: of ``known_bounds``; not looked at where both are given.
 
     Raises:
         UserError: there is no source for one of them, or they are out of order.
     """
     source, guessed = "given", False
     if not (near and far):
-        found = known_bounds(files, lenses, is_train) or _bounds_from_cameras(files)
+        found = known or _bounds_from_cameras(files)
         source = f"one given, else {found.source}" if near or far else found.source
         near, far = near or found.near, far or found.far
         guessed = found.guessed

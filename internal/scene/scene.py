@@ -181,12 +181,14 @@ def _lay_out(
         )
     near, far = config.near, config.far
     is_given = bool(near and far)
-    if find_points and not is_given and not known_bounds(files, lenses, ~is_test):
+    known = None if is_given else known_bounds(files, lenses, ~is_test)
+    if find_points and not (is_given or known):
         points = find_points(files, np.flatnonzero(~is_test).tolist())
         files = dataclasses.replace(
             files, points=points, points_source="points found in the photos"
         )
-    bounds = find_bounds(files, lenses, ~is_test, near, far)
+        known = known_bounds(files, lenses, ~is_test)
+    bounds = find_bounds(files, known, near, far)
     frame = choose_frame(files, lenses, bounds, config.projection, config.end_at_far)
     truth = _find_truth(files, data_dir, config.gt_dir, is_test, needed=needs_truth)
     has_photo = ~is_test if truth.is_alone else np.ones_like(is_test)

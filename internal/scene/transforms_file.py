@@ -93,8 +93,8 @@ def write_split(
 
 
 def _write(path: Path, content: dict[str, Any], frames: list[dict[str, Any]]) -> None:
-    with atomic.writing(path) as partial:
-        partial.write_text(json.dumps({**content, "frames": frames}, indent=2) + "\n")
+    text = json.dumps({**content, "frames": frames}, indent=2)
+    atomic.write_text(path, text + "\n")
 
 
 def _lens_entry(lens: Lens) -> dict[str, float | int]:

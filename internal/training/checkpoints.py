@@ -19,6 +19,7 @@ import numpy as np
 import orbax.checkpoint as ocp
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from internal import parallel
 from internal.configs import Config
 from internal.errors import UserError, one_line
 from internal.files import atomic
@@ -73,7 +74,7 @@ class Checkpoints:
         if step == self.latest_step():
             return
         try:
-            if jax.process_index() == 0:  # Orbax's threads outlive the error
+            if parallel.is_writer():  # Orbax's threads outlive the error
                 atomic.take_room(self.folder, _bytes(state))
             self._manager.save(step, args=ocp.args.PyTreeSave(state))
             self._manager.wait_until_finished()
@@ -81,7 +82,7 @@ class Checkpoints:
             for gone in self._manager.all_steps()[: -self._kept] if intact else [step]:
                 self._manager.delete(gone)
                 self._checksums(gone).unlink(missing_ok=True)
-            if intact and jax.process_index() == 0:
+            if intact and parallel.is_writer():
                 sums = json.dumps(checksums(self.folder / str(step)), indent=1)
                 atomic.write_text(self._checksums(step), sums + "\n")
         except (OSError, ValueError, KeyError) as error:

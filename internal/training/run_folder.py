@@ -15,7 +15,6 @@ written over.
 """
 
 import contextlib
-import fcntl
 import json
 import shlex
 import sys
@@ -33,6 +32,7 @@ from internal import configs, flags, parallel, saved_config
 from internal.configs import Config
 from internal.errors import UserError
 from internal.files import atomic
+from internal.files.locks import take_lock
 from internal.scene import identity
 from internal.scene.identity import Identity
 from internal.training import budget
@@ -109,8 +109,7 @@ def config_of_run(gin_configs: Sequence[str], gin_bindings: Sequence[str]) -> Co
 def claimed(config: Config) -> Iterator[Path]:
     """The run folder, made if need be, which no other training uses meanwhile.
 
-    The lock is the system's, on a file: it ends with the process, however that ends.
-    Of a run of several processes the writer holds it for all.
+    Of a run of several processes the writer holds its lock for all.
 
     Raises:
         UserError: no folder is named, it cannot be written, or another training uses
@@ -128,9 +127,7 @@ def claimed(config: Config) -> Iterator[Path]:
             with atomic.naming(folder):
                 file = stack.enter_context((folder / LOCK).open("a"))
             try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                taken = True
+                taken = not take_lock(file.fileno())
             except OSError as error:  # a file system without locks
                 print(f"{folder}: cannot be locked ({error.strerror}); start one "
                       "training there at a time", flush=True)  # fmt: skip

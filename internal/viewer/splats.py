@@ -7,7 +7,6 @@ baked colour times what a look changes there.
 """
 
 import dataclasses
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,10 +21,11 @@ from scipy.spatial import KDTree
 from internal.color import to_uint8
 from internal.coord import ForwardFacing, Unbounded
 from internal.enhancements.look import LightEdit, Look
+from internal.errors import UserError
 from internal.export import splat_files
-from internal.export.density import POINTS_PER_CALL, to_field_space
-from internal.export.splats import SH0, Splats, carry_over
-from internal.files.made_folder import RECORD
+from internal.export.density import in_calls, to_field_space
+from internal.export.splats import Splats, base_colors, carry_over
+from internal.files.made_folder import RECORD, read_record
 from internal.models import Model
 from internal.scene.scene import Scene
 from internal.structs import Colored, Level, Params
@@ -47,19 +47,22 @@ class Baked:
     @property
     def srgb(self) -> Float[np.ndarray, "n 3"]:
         """As baked, the same from all sides."""
-        return np.clip(0.5 + SH0 * np.asarray(self.splats.harmonics)[:, 0], 0.0, 1.0)
+        return np.clip(base_colors(np.asarray(self.splats.harmonics)), 0.0, 1.0)
 
 
 def exported(run: Path, scene: Scene) -> Baked | None:
     """What ``export.py --splats`` left in a run's folder, if it did.
 
     Raises:
-        UserError: the file is broken.
+        UserError: a file is broken.
     """
     folder = run / EXPORTED
     if not (folder / FILE).is_file():
         return None
-    made_with = json.loads((folder / RECORD).read_text())["settings"]
+    record = read_record(folder)
+    if record is None:
+        raise UserError(f"{folder / RECORD}: cannot be read; export anew")
+    made_with = record["settings"]
     look = Look(
         **{field.name: made_with[field.name] for field in dataclasses.fields(Look)}
     )
@@ -115,14 +118,10 @@ def _sample(model: Model, params: Params, *where: Float[np.ndarray, "n ..."]) ->
     Args:
         where: points in field space, variances, unit directions of sight.
     """
-    asked = [np.asarray(x, np.float32) for x in where]
     apply: Any = model.apply
     ask = jax.jit(lambda *where: apply({"params": params}, *where, method=_ask))
-    calls = [
-        ask(*(_padded(x[start : start + POINTS_PER_CALL]) for x in asked))
-        for start in range(0, len(asked[0]), POINTS_PER_CALL)
-    ]
-    return jax.tree.map(lambda *x: jnp.concatenate(x)[: len(asked[0])], *calls)
+    calls = [ask(*some) for _, some in in_calls(*where)]
+    return jax.tree.map(lambda *x: jnp.concatenate(x)[: len(where[0])], *calls)
 
 
 def _ask(
@@ -137,9 +136,3 @@ def _ask(
     assert not isinstance(samples, Colored)
     whole, edges = jnp.ones((len(points), 1)), jnp.zeros((len(points), 2))
     return Level(edges, whole, samples.rgb[:, 0], samples)
-
-
-def _padded(values: Float[np.ndarray, "some ..."]) -> Float[np.ndarray, "n ..."]:
-    """To the length that is compiled, so that it is compiled once."""
-    missing = POINTS_PER_CALL - len(values)
-    return np.pad(values, [(0, missing)] + [(0, 0)] * (values.ndim - 1), "edge")
