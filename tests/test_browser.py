@@ -19,13 +19,14 @@ import eval as eval_script
 import render as render_script
 import study as study_script
 from internal import parallel
-from internal.color import from_uint16
+from internal.color import from_uint16, to_uint8
 from internal.configs import load_config
 from internal.files import image_io
 from internal.rendering import paths
 from internal.rendering.evidence import LEGEND
 from internal.study.answers import preferences, read_answers
 from internal.training.checkpoints import Checkpoints, load_trained
+from internal.viewer.canvas import LINE_GREY
 from tests.browser import chromium, until
 from tests.conftest import bindings, flags
 from tests.scene_writers import write_pictures
@@ -261,8 +262,8 @@ def test_the_border_between_two_outputs_is_dragged_in_the_picture(viewer):
     viewer.choose("Beside it", "dark")
 
     def border():
-        """The column that is one bright grey from top to bottom, or -1."""
-        grey = (viewer.frame == viewer.frame.max()).all(axis=(0, 2))
+        """The column that is the line's grey from top to bottom, or -1."""
+        grey = (viewer.frame == to_uint8(LINE_GREY)).all(axis=(0, 2))
         return int(np.flatnonzero(grey)[-1]) if grey.any() else -1
 
     until(lambda: border() == 17, "a border in the middle")

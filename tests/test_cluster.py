@@ -93,3 +93,23 @@ def test_what_the_cluster_refuses_is_one_line(place, tmp_path, option, complaint
     with pytest.raises(UserError, match=f"(?i){complaint}") as raised:
         list(launch.carry_out([run], place(option)))
     assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("state", "again"), [("RUNNING", ["requeue 7"]), ("PREEMPTED", [])]
+)
+def test_a_cluster_that_does_not_answer_is_asked_again(
+    tmp_path, monkeypatch, state, again
+):
+    answers = {
+        "squeue": f"test -e asked && echo 7 {state} && exit; touch asked; exit 1",
+        "scontrol": 'echo "$@" >> told',
+    }
+    for name, answer in answers.items():
+        (tmp_path / name).write_text(f"#!/bin/sh\ncd {tmp_path}\n{answer}\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    monkeypatch.setattr(cluster, "PAUSE", 0.0)
+    (tmp_path / "told").touch()
+    cluster.queue_again("7")
+    assert (tmp_path / "told").read_text().splitlines() == again

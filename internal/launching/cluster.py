@@ -25,6 +25,7 @@ from internal.files import atomic
 from internal.launching.run import Run
 
 POLL = 10.0  # seconds between two questions to the cluster
+PAUSE = 1.0  # seconds before a cluster that did not answer is asked again
 WARNING = 90  # seconds before the time limit at which a job is asked to stop
 JOB = "slurm_job.txt"  # in the folder of a run: the number of its job
 OVER = frozenset(
@@ -123,12 +124,25 @@ def perform_in_job(run: Run) -> None:
         SystemExit: the run is not done.
     """
     code = run.perform()
-    job = os.environ["SLURM_JOB_ID"]
-    # Slurm has taken a job that it preempts, or the user cancels, out of RUNNING.
-    if code == 128 + signal.SIGTERM and (states() or {}).get(job) == "RUNNING":
-        subprocess.run(["scontrol", "requeue", job], check=True)
+    if code == 128 + signal.SIGTERM:
+        queue_again(os.environ["SLURM_JOB_ID"])
     if code:
         sys.exit(code)
+
+
+def queue_again(job: str) -> None:
+    """Has Slurm start a running job anew; asks as often as there is time for.
+
+    A job that is preempted, or that the user cancels, no longer runs.
+    """
+    end = time.monotonic() + WARNING
+    while time.monotonic() < end:
+        known = states()
+        if known and known.get(job) != "RUNNING":
+            return
+        if known and not subprocess.run(["scontrol", "requeue", job]).returncode:
+            return
+        time.sleep(PAUSE)
 
 
 def states() -> dict[str, str] | None:
