@@ -263,7 +263,7 @@ def test_the_border_between_two_outputs_is_dragged_in_the_picture(viewer):
 
     def border():
         """The column that is the line's grey from top to bottom, or -1."""
-        grey = (viewer.frame == to_uint8(LINE_GREY)).all(axis=(0, 2))
+        grey = (viewer.frame == to_uint8(np.full(3, LINE_GREY))).all(axis=(0, 2))
         return int(np.flatnonzero(grey)[-1]) if grey.any() else -1
 
     until(lambda: border() == 17, "a border in the middle")

@@ -9,6 +9,7 @@ import pytest
 from internal.cameras import Lens
 from internal.cli import load_split
 from internal.configs import load_config
+from internal.errors import UserError
 from internal.files import ply
 from internal.prepare import attempts, depths
 from internal.scene import readers
@@ -100,6 +101,30 @@ def test_photos_that_show_nothing_leave_it_to_the_cameras(tmp_path, capsys):
     assert "too few to say how deep" in printed
     assert printed.count(" points\n") >= len(depths.WAYS)
     assert "guessed from the cameras" in printed
+
+
+@pytest.mark.parametrize(
+    ("custom", "change"),
+    [
+        (lambda pose: pose * depths.NEGATED, "their second and third column negated"),
+        (lambda pose: invert(pose), "the matrices inverted; "),
+        (
+            lambda pose: invert(pose * depths.NEGATED),
+            "the matrices inverted and those columns negated",
+        ),
+    ],
+    ids=["OpenCV", "world to camera", "OpenCV, world to camera"],
+)
+def test_poses_of_another_custom_are_refused(room, custom, change):
+    files = read(room)
+    told = np.array([custom(pose) for pose in files.camtoworlds])
+    files = dataclasses.replace(files, camtoworlds=told)
+    with pytest.raises(UserError, match=f"transforms.json: .* with {change}"):
+        depths.find_points(files, range(VIEWS), [])
+
+
+def invert(pose):
+    return np.linalg.inv(np.vstack([pose, [0, 0, 0, 1]]))[:3]
 
 
 @pytest.mark.parametrize("given", ["both", "near in the file", "cloud"])

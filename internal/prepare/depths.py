@@ -7,11 +7,12 @@ folder where that cannot be written; it holds for these photos, poses and lenses
 """
 
 import contextlib
+import functools
 import hashlib
 import json
 import tempfile
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,8 @@ from internal.scene.readers.base import SceneFiles
 POINTS_FILE = "points_from_photos.npz"
 VERSION = 1  # counts changes of how points are found
 WAYS = (attempts.WAYS[0], attempts.WAYS[2])
+CLEARLY = 1.5  # times the points with the poses as stated: of another custom (2 at least)
+NEGATED = np.array([1.0, -1.0, -1.0, 1.0])  # second and third axis
 NOTHING = np.empty((0, 3))
 
 
@@ -42,7 +45,8 @@ def find_points(
         folders: where they may be kept, the best first.
 
     Raises:
-        UserError: a photo cannot be read, or the disk is full.
+        UserError: a photo cannot be read, the disk is full, or the photos contradict
+            the poses.
     """
     key = _key(files, views)
     for path in (folder / POINTS_FILE for folder in folders):
@@ -95,12 +99,50 @@ def _triangulated(files: SceneFiles, views: Sequence[int]) -> Float[np.ndarray, 
             matching.extract_features(database, work, copies, way.peak_threshold)
             matching.match(database, pairs)
             camtoworlds = files.camtoworlds[list(views)]
-            points = mapping.triangulate(database, work, lenses, camtoworlds)
-        print(f"  {way.name}: {len(points)} points", flush=True)
+            triangulated = functools.partial(
+                mapping.triangulate, database, work, lenses
+            )
+            points = triangulated(camtoworlds)
+            print(f"  {way.name}: {len(points)} points", flush=True)
+            others = {
+                change: len(triangulated(changed))
+                for change, changed in other_customs(camtoworlds).items()
+            }
+        _check_custom(files.pose_paths[0], len(points), others, len(views))
         if rests_on_points(len(points), len(views)):
             return points
     print("  too few to say how deep the scene is", flush=True)
     return NOTHING
+
+
+def _check_custom(
+    path: Path, stated: int, others: Mapping[str, int], views: int
+) -> None:
+    """Compares how many points there are with the poses as stated and otherwise.
+
+    Raises:
+        UserError: the poses are of another custom.
+    """
+    change = max(others, key=lambda change: others[change])
+    if rests_on_points(others[change], views) and others[change] > CLEARLY * stated:
+        raise UserError(
+            f"{path}: its poses are of another custom: the photos show {stated} points "
+            f"with them, but {others[change]} with {change}; expected camera to world "
+            "and OpenGL's axes (x right, y up, z backwards), in COLMAP's files COLMAP's"
+        )
+
+
+def other_customs(
+    camtoworlds: Float[np.ndarray, "n 3 4"],
+) -> dict[str, Float[np.ndarray, "n 3 4"]]:
+    """What poses would be if the file kept another custom, by the change to them."""
+    rotations = np.swapaxes(camtoworlds[:, :, :3], 1, 2)
+    inverse = np.concatenate([rotations, -rotations @ camtoworlds[:, :, 3:]], axis=-1)
+    return {
+        "their second and third column negated": camtoworlds * NEGATED,
+        "the matrices inverted": inverse,
+        "the matrices inverted and those columns negated": inverse * NEGATED,
+    }
 
 
 def _key(files: SceneFiles, views: Sequence[int]) -> str:
