@@ -19,12 +19,12 @@ from internal.errors import UserError
 from internal.files import image_io
 from internal.prepare import attempts, brighten, mapping, sharpness
 from internal.prepare.pipeline import Inputs, prepare
-from internal.scene import readers
+from internal.scene import colmap, readers
 from internal.scene.config import SceneConfig
 from internal.scene.pose_comparison import compare
 from internal.scene.scene import load_scene
 from tests.scene_writers import edit_json, flat_picture
-from tests.textured_room import room_cameras, write_room
+from tests.textured_room import FOCAL, room_cameras, write_room
 
 ROOT = Path(__file__).parents[1]
 VIEWS = 7
@@ -190,6 +190,20 @@ def test_a_photo_that_moved_is_named_and_left_out_unless_asked_for(tmp_path, cap
     assert len(readers.read_files(scene, "auto", "").names) == VIEWS
     assert "blurred: 02.png: 0." in (shown := capsys.readouterr().out)
     assert "kept" in shown and "left out" not in shown
+
+
+def test_photos_without_tags_at_two_zooms_get_a_lens_each(tmp_path):
+    zooms = {2: 1.5, 5: 1.5, 8: 1.5}
+    cameras = write_room(tmp_path / "photos", 10, zooms=zooms)
+    prepare(inputs(tmp_path / "photos"), tmp_path / "scene", overwrite=False)
+    files = readers.read_files(tmp_path / "scene", "auto", "")
+    assert len(files.names) == len(cameras)
+    focal_lengths = [colmap.focal_lengths(lens)[0] for lens in files.lenses]
+    expected = FOCAL * np.array([zooms.get(view, 1.0) for view in range(10)])
+    np.testing.assert_allclose(focal_lengths, expected, rtol=0.03)
+    assert compare(files.camtoworlds, cameras).rotations.max() < 1.0
+    report = json.loads((tmp_path / "scene" / "report" / "report.json").read_text())
+    assert "a lens per zoom" in report["tried"][0]["way"]
 
 
 def test_check_accepts_right_poses_and_refuses_wrong_ones(scene, tmp_path, capsys):

@@ -34,6 +34,7 @@ from internal.prepare.orient import DISTANCE, scene_frame
 from internal.prepare.photos import find_photos
 from internal.prepare.pipeline import NOTES
 from internal.prepare.video_frames import extract_frames
+from internal.prepare.zooms import split
 from internal.scene import colmap
 from internal.scene.pose_comparison import compare
 from tests.scene_writers import (
@@ -438,6 +439,15 @@ def test_photos_at_two_zooms_do_not_share_a_lens_and_one_without_the_film_tag_ne
     wide, also_wide, tele = find_photos(tmp_path, tmp_path / NOTES).photos
     assert wide.camera == also_wide.camera != tele.camera
     assert "24 mm" in wide.camera and "40 mm" in tele.camera
+
+
+def test_a_camera_is_split_where_its_focal_lengths_jump():
+    cameras = dict.fromkeys(range(5), "phone") | {5: "other"}
+    focal_lengths = {0: 500.0, 1: 760.0, 2: 505.0, 3: 530.0, 4: 750.0, 5: 9000.0}
+    zooms = split(cameras, focal_lengths)
+    assert zooms[0] == zooms[2] == zooms[3] != zooms[1] == zooms[4]
+    assert zooms[5] == "other"
+    assert split(cameras, dict.fromkeys(range(6), 500.0)) == cameras
 
 
 def test_heic_photos_become_png_and_their_jpeg_twin_is_one_shot(tmp_path):

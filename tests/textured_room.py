@@ -5,6 +5,8 @@ Rendered in milliseconds with exact cameras: three planes under a texture of ran
 blots. Frame: OpenGL cameras; floor y = 0, walls x = 0 and z = 0.
 """
 
+import types
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -26,10 +28,10 @@ def room_cameras(views: int) -> np.ndarray:
     return look_at(centres, np.array([0.6, 0.8, 0.6]))
 
 
-def render_room(camtoworld: np.ndarray, seed: int = 0) -> np.ndarray:
+def render_room(camtoworld: np.ndarray, seed: int = 0, zoom: float = 1.0) -> np.ndarray:
     """Linear light [height, width, 3] in [0, 1] of the room painted by ``seed``."""
-    x = (np.arange(WIDTH) + 0.5 - WIDTH / 2) / FOCAL
-    y = -(np.arange(HEIGHT) + 0.5 - HEIGHT / 2) / FOCAL
+    x = (np.arange(WIDTH) + 0.5 - WIDTH / 2) / (FOCAL * zoom)
+    y = -(np.arange(HEIGHT) + 0.5 - HEIGHT / 2) / (FOCAL * zoom)
     grid = np.stack([*np.meshgrid(x, y), -np.ones((HEIGHT, WIDTH))], axis=-1)
     directions = grid @ camtoworld[:, :3].T
     distances = -camtoworld[:, 3] / directions
@@ -53,14 +55,15 @@ def write_room(
     exposure: float | np.ndarray = 0.05,
     seed: int = 0,
     first: int = 0,
+    zooms: Mapping[int, float] = types.MappingProxyType({}),
 ) -> np.ndarray:
-    """Writes dark noisy 8-bit PNG photos; returns their cameras."""
+    """Writes dark noisy 8-bit PNG photos, some zoomed; returns their cameras."""
     folder.mkdir(parents=True, exist_ok=True)
     cameras = room_cameras(views)
     rng = np.random.default_rng(seed)
     exposures = np.broadcast_to(exposure, views)
     for view, camera in enumerate(cameras):
-        light = render_room(camera, seed) * exposures[view]
+        light = render_room(camera, seed, zooms.get(view, 1.0)) * exposures[view]
         noisy = np.clip(light + rng.normal(0.0, 2e-4, light.shape), 0.0, 1.0)
         srgb = np.asarray(color.linear_to_srgb(noisy), np.float32)
         image_io.write(folder / f"{first + view:02}.png", srgb)

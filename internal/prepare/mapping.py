@@ -24,6 +24,7 @@ from internal.scene import colmap
 FEWEST_IMAGES = 3
 # Photos taken by hand from one side turn less about the scene than COLMAP's 16.
 INITIAL_ANGLE = 4.0  # degrees
+ADJUSTMENTS = 50  # steps of the solver, at most
 BYTES_PER_FEATURE = 60  # in a model: as a feature and, if it is one, as a sighting
 
 
@@ -120,6 +121,49 @@ def triangulate(
         )
     points = [found.point3D(number).xyz for number in sorted(found.point3D_ids())]
     return np.array(points, np.float64).reshape(-1, 3)
+
+
+def focal_lengths(model: Model) -> dict[int, float]:
+    """Focal length of each view, in pixels of its copy."""
+    images = [model.native.image(number) for number in model.native.reg_image_ids()]
+    return {
+        view_of(image.name): float(model.native.camera(image.camera_id).focal_length)
+        for image in images
+    }
+
+
+def own_focal_lengths(model: Model) -> dict[int, float]:
+    """What ``focal_lengths`` would be with a lens for each view: poses, points and
+    lenses of the model are adjusted together."""
+    given = model.native
+    freed = pycolmap.Reconstruction()
+    for number in given.reg_image_ids():
+        image = given.image(number)
+        camera = given.camera(image.camera_id)
+        own = pycolmap.Camera(
+            camera_id=number,
+            model=camera.model,
+            width=camera.width,
+            height=camera.height,
+            params=camera.params,
+        )
+        freed.add_camera_with_trivial_rig(own)
+        pixels = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
+        freed.add_image_with_trivial_frame(
+            pycolmap.Image(image.name, pixels, number, number), image.cam_from_world()
+        )
+    for point in given.points3D.values():
+        freed.add_point3D(point.xyz, point.track, point.color)
+    options = pycolmap.BundleAdjustmentOptions(print_summary=False)
+    options.ceres.solver_options.num_threads = 1
+    options.ceres.solver_options.max_num_iterations = ADJUSTMENTS
+    problem = pycolmap.BundleAdjustmentConfig()
+    for number in freed.reg_image_ids():
+        problem.add_image(number)
+    problem.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    # pycolmap.bundle_adjustment does the same and turns COLMAP's log on for good.
+    pycolmap.create_default_bundle_adjuster(options, problem, freed).solve()
+    return focal_lengths(Model(freed, model.views))
 
 
 def without(model: Model, views: Collection[int]) -> Model:

@@ -108,6 +108,25 @@ def match(database: Path, pairs: Pairs) -> None:
             shown.update(len(chunk))
 
 
+def copy_matches(source: Path, database: Path, copies: Sequence[Copy]) -> None:
+    """Makes a database of the same features and verified matches with other cameras."""
+    size = source.stat().st_size
+    _enter_copies(database, copies)
+    with (
+        room(database.parent, LOGGED * size),
+        _opened(source) as read,
+        _opened(database) as written,
+        pycolmap.DatabaseTransaction(written),
+    ):
+        numbers = {i.name: i.image_id for i in written.read_all_images()}
+        same = {i.image_id: numbers[i.name] for i in read.read_all_images()}
+        for old, new in same.items():
+            written.write_keypoints(new, read.read_keypoints(old))
+        for pair, geometry in zip(*read.read_two_view_geometries(), strict=True):
+            a, b = pycolmap.pair_id_to_image_pair(pair)
+            written.write_two_view_geometry(same[a], same[b], geometry)
+
+
 def feature_counts(database: Path) -> Int[np.ndarray, " views"]:
     """Number of features of each view."""
     with _opened(database) as opened:

@@ -28,6 +28,7 @@ from internal.prepare import (
     matching,
     scene_files,
     sharpness,
+    zooms,
 )
 from internal.prepare.attempts import Attempt
 from internal.prepare.brighten import copy_size, make_copy
@@ -97,7 +98,9 @@ def _prepare(inputs: Inputs, scene: Path) -> Report:
     tried = attempts.try_ways(
         ways, copies, lambda view: read_photo(sources[view]), work
     )
-    best = tried[0]
+    best = zooms.tell_apart(tried[0], copies, work / "zooms")
+    if best is not tried[0]:
+        tried = [best, *tried]
     failed = (*found.rejected, *_unplaced(photos, best))
     problem = _problem(photos, best)
     if problem:
