@@ -30,9 +30,7 @@ from internal.scene.readers.base import SceneFiles
 POINTS_FILE = "points_from_photos.npz"
 VERSION = 1  # counts changes of how points are found
 WAYS = (attempts.WAYS[0], attempts.WAYS[2])
-CLEARLY = (
-    1.5  # times the points with the poses as stated: of another custom (2 at least)
-)
+CLEARLY = 1.5  # times the points with the poses as stated: of another custom
 NEGATED = np.array([1.0, -1.0, -1.0, 1.0])  # second and third axis
 NOTHING = np.empty((0, 3))
 
