@@ -14,7 +14,7 @@ if __name__ == "__main__":  # before the imports below, which take seconds
     script.begin(flags.trained(__doc__))
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jax
@@ -22,13 +22,15 @@ import numpy as np
 
 from internal import cli, parallel, progress
 from internal.color import from_uint16
+from internal.configs import Config
 from internal.files import atomic, image_io
 from internal.files.listing import flat_pngs
 from internal.pages import pages, report, scores, tables
 from internal.rendering import evidence
-from internal.rendering.pictures import display_for, pictures
+from internal.rendering.pictures import Picture, display_for, pictures
 from internal.rendering.renderer import Renderer
 from internal.scene.masks import hatched
+from internal.scene.scene import Scene
 from internal.scoring import evaluation
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
@@ -40,37 +42,28 @@ def main(argv: Sequence[str]) -> int:
     mesh = parallel.data_mesh(jax.device_count())
     model, state = load_trained(config, mesh)
     scene = cli.load_split(config, "test")
-    run_folder.check_scene(Path(config.checkpoint_dir), scene.identity)
+    run = Path(config.checkpoint_dir)
+    run_folder.check_scene(run, scene.identity)
     renderer = Renderer(model, scene.cameras, scene.space, mesh, config.render.chunk)
     witnesses = evidence.call_witnesses(
         cli.load_split(config, "train"),
         config.factor,
         lambda camera: renderer.picture(state.params, camera),
     )
-    folder = Path(config.checkpoint_dir) / "eval"
 
-    explained = {
-        **evidence.explained_outputs(config.model),
-        **{name: text for name, (_, text) in evaluation.BASELINES.items()},
-        "input": "the dark photo",
-        "truth": "the normal-light photo",
-    }
+    folder, files = run / "eval", flat_pngs(scene.view_names)
     display = None
     views: dict[str, evaluation.Scores] = {}
-    written: dict[str, list[tuple[str, str]]] = {}
-    names = scene.view_names
-    files = flat_pngs(names)
+    written: dict[str, list[tuple[str, str]]] = {}  # per output: file, view
     for index, name in enumerate(
-        progress.track(names, len(names), "evaluating", "view")
+        progress.track(scene.view_names, len(files), "evaluating", "view")
     ):
         rendering = renderer.view(state.params, index)
         display = display or display_for(config.model, rendering)
-        dark = from_uint16(scene.images[index]) if scene.images else None
-        truth = from_uint16(scene.truth[index]) if index in scene.truth else None
-        mask = scene.mask(index)
+        dark, truth = photos_of(scene, index)
+        mask, gain = scene.mask(index), scene.gains[index]
         baselines = evaluation.brightened(rendering.rgb, mask)
         if mask.any():
-            gain = scene.gains[index]
             views[name] = evaluation.score_view(
                 rendering, baselines, dark, truth, gain, mask
             )
@@ -82,26 +75,55 @@ def main(argv: Sequence[str]) -> int:
             **baselines,
         }
         del shown["unchanged"]  # the picture "dark"
-        if dark is not None:
-            shown["input"] = hatched(dark, mask)
-        if truth is not None:
-            shown["truth"] = hatched(truth, mask)
+        for output, photo in (("input", dark), ("truth", truth)):
+            if photo is not None:
+                shown[output] = hatched(photo, mask)
         for output, picture in shown.items():
             path = Path(output) / files[index]
             atomic.ensure_folder(folder / output)
             image_io.write(folder / path, picture)
             written.setdefault(output, []).append((path.as_posix(), name))
 
-    mean = evaluation.mean_scores(views)
-    scored = {"masked": scene.masked, "views": views, "mean": mean}
-    result = {"step": int(state.step), **scored}
-    atomic.write_text(folder / "metrics.json", json.dumps(result, indent=2) + "\n")
-    table = scores.score_table(mean, scores.heading(len(names), len(scene.truth)))
+    mean, step = evaluation.mean_scores(views), int(state.step)
+    scored = {"step": step, "masked": scene.masked, "views": views, "mean": mean}
+    atomic.write_text(folder / "metrics.json", json.dumps(scored, indent=2) + "\n")
+    table = scores.score_table(mean, scores.heading(len(files), len(scene.truth)))
+    write_page(folder, scene, step, table, written, explained_outputs(config))
+    print(f"{tables.as_text(table)}\n{folder / 'index.html'}")
+    return 0
+
+
+def photos_of(scene: Scene, view: int) -> tuple[Picture | None, Picture | None]:
+    """The dark photo of a view and its truth, sRGB, as far as there are any."""
+    dark = from_uint16(scene.images[view]) if scene.images else None
+    truth = from_uint16(scene.truth[view]) if view in scene.truth else None
+    return dark, truth
+
+
+def explained_outputs(config: Config) -> dict[str, str]:
+    """What each folder of pictures shows."""
+    return {
+        **evidence.explained_outputs(config.model),
+        **{name: text for name, (_, text) in evaluation.BASELINES.items()},
+        "input": "the dark photo",
+        "truth": "the normal-light photo",
+    }
+
+
+def write_page(
+    folder: Path,
+    scene: Scene,
+    step: int,
+    table: pages.Table,
+    written: Mapping[str, Sequence[tuple[str, str]]],
+    explained: Mapping[str, str],
+) -> None:
+    """Writes index.html: the outputs side by side, the scores, each output."""
     pages.write_index(
         folder,
-        f"{scene.name}: test views at step {int(state.step)}",
+        f"{scene.name}: test views at step {step}",
         "Views that training never saw, rendered by the trained model."
-        + report.about_masks(scene.masked, len(names)),
+        + report.about_masks(scene.masked, len(scene.view_names)),
         [
             report.compare_outputs(
                 written, "enhanced" if "enhanced" in written else "dark"
@@ -115,8 +137,6 @@ def main(argv: Sequence[str]) -> int:
             *report.training_parts(folder.parent),
         ],
     )
-    print(f"{tables.as_text(table)}\n{folder / 'index.html'}")
-    return 0
 
 
 if __name__ == "__main__":

@@ -15,6 +15,8 @@ from internal.cameras import cast_rays
 from internal.configs import load_config
 from internal.enhancements.look import NEUTRAL
 from internal.fields.base import FieldConfig
+from internal.fields.hash_grid import HashGrid
+from internal.fields.mlp import MLP
 from internal.losses import data_loss
 from internal.models import Histogram, Level, Model
 from internal.training.step import initial_state
@@ -129,3 +131,33 @@ def test_the_data_term_is_the_same_at_any_brightness():
     bright = data_loss(rgb, target, eps=0.2)
     dark = data_loss(rgb / 16.0, target / 16.0, eps=0.2 / 16.0)
     np.testing.assert_allclose(bright, dark, rtol=1e-5)
+
+
+def shapes(field: FieldConfig) -> dict[str, Any]:
+    """Of a trunk's parameters, and the number of its features."""
+    trunk, place = field.trunk("trunk"), jnp.zeros((4, 3))
+    params = jax.eval_shape(trunk.init, jax.random.key(0), place, place)
+    _, features = jax.eval_shape(trunk.apply, params, place, place)
+    return {**jax.tree.map(lambda x: x.shape, params["params"]), "tau": features.shape}
+
+
+def test_the_encoding_enters_again_every_so_many_layers():
+    found = shapes(MLP(depth=5, width=8, skip=2, max_deg=2))
+    inputs = [found[f"Dense_{layer}"]["Dense_0"]["kernel"][0] for layer in range(6)]
+    assert inputs == [12, 8, 8, 8 + 12, 8, 8 + 12]
+
+
+def test_a_grid_has_the_sizes_that_are_asked_for():
+    sizes = HashGrid(levels=2, coarsest=4, finest=6, features=3, width_out=5)
+    found = shapes(sizes)
+    assert found["tau"] == (4, 5)
+    assert found["_Encoding_0"]["table"] == (5**3 + 7**3, 3)
+
+
+@pytest.mark.parametrize("antialias", [True, False])
+def test_a_footprint_fades_what_it_cannot_resolve_unless_told_not_to(antialias):
+    trunk = HashGrid(levels=2, finest=32, antialias=antialias).trunk("trunk")
+    place = jnp.full((1, 3), 0.3)
+    params = trunk.init(jax.random.key(0), place, place)
+    sharp, wide = (trunk.apply(params, place, jnp.full((1, 3), x)) for x in (0.0, 1.0))
+    assert (sharp[0] == wide[0]).all() == (not antialias)

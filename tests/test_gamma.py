@@ -7,8 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from internal.enhancements.gamma import Coefficients, enhance_v, light_v
+from internal.enhancements.gamma import (
+    Coefficients,
+    Gamma,
+    GammaLit,
+    enhance_v,
+    light_v,
+)
 from internal.enhancements.look import NEUTRAL, Look
+from internal.structs import LitRendering
 
 V = jnp.array([[0.004], [0.05], [0.7]])
 COEFFICIENTS = Coefficients(
@@ -61,3 +68,29 @@ def test_exposure_multiplies_linear_light(stops):
     plain = light_v(V, COEFFICIENTS, 2.2, NEUTRAL)
     edited = light_v(V, COEFFICIENTS, 2.2, Look(exposure=stops).edit())
     np.testing.assert_allclose((edited / plain) ** 2.2, 2.0**stops, rtol=1e-5)
+
+
+def terms(enhancement: Gamma) -> dict[str, float]:
+    """Of two patches of three rays."""
+    draw = np.random.default_rng(0).uniform
+
+    def rays(channels):
+        return jnp.asarray(draw(0.1, 0.9, (6, channels)), jnp.float32)
+
+    lit = GammaLit(rays(3), rays(3), rays(1), rays(3), rays(1))
+    rendering = LitRendering(rays(3), rays(1), rays(1), rays(3), lit)
+    return {name: float(term) for name, term in enhancement.terms(rendering).items()}
+
+
+@pytest.mark.parametrize(
+    ("changed", "moved"),
+    [
+        (Gamma(exposure_target=0.7), {"exposure"}),
+        (Gamma(gray_bias=0.2), {"gray"}),
+        (Gamma(smooth_eps=1e-1), {"alpha_smooth", "gamma_smooth"}),
+        (Gamma(smooth_beta=3.0), {"alpha_smooth", "gamma_smooth"}),
+    ],
+)
+def test_a_constant_of_a_loss_moves_this_loss_alone(changed, moved):
+    before, after = terms(Gamma()), terms(changed)
+    assert {name for name in before if before[name] != after[name]} == moved

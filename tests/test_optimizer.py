@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from internal.configs import OptimizerConfig, TrainConfig
-from internal.training.optimizer import make_optimizer
+from internal.training.optimizer import field_schedule, make_optimizer
 
 TRAIN = TrainConfig(max_steps=10, enhance_start=4)
 FLAT = OptimizerConfig(
@@ -80,3 +80,13 @@ def test_the_enhancements_rate_falls_from_its_start_to_the_end_of_training():
     assert moved[: TRAIN.enhance_start] == [0.0] * TRAIN.enhance_start
     expected = np.geomspace(1e-2, 1e-3, TRAIN.max_steps - TRAIN.enhance_start + 1)
     np.testing.assert_allclose(moved[TRAIN.enhance_start :], expected, rtol=1e-3)
+
+
+def test_the_warm_up_starts_at_its_part_of_the_rate_and_the_decay_ends_at_the_last():
+    rates = OptimizerConfig(
+        lr_init=2.0, lr_final=0.5, warmup_steps=10, warmup_factor=0.25
+    )
+    schedule = field_schedule(rates, 110)
+    wanted = {0: 0.5, 5: 1.25, 10: 2.0, 60: 1.0, 110: 0.5}
+    found = [schedule(step) for step in wanted]
+    np.testing.assert_allclose(found, list(wanted.values()), rtol=1e-5)

@@ -24,7 +24,7 @@ from internal.enhancements.tone import (
     response,
     saturate,
 )
-from internal.structs import Colored, Level, LitRendering
+from internal.structs import Colored, Level, Lit, LitRendering
 from internal.training.optimizer import make_optimizer
 from tests.conftest import TINY_ENHANCED, TINY_MLP, TINY_SIZES
 from tests.test_training import make_run
@@ -178,3 +178,20 @@ def test_the_saturation_rests_until_its_time_and_leaves_the_field(
     quiet, _ = make_run(plain, tiny_cameras, tiny_images, ndc, jax.devices()[:1])
     fields = (go(state, 5)[0].params["field"] for go in (run, quiet))
     chex.assert_trees_all_equal(*fields)
+
+
+def test_how_pale_is_too_pale_is_a_setting():
+    rgb, one = jnp.array([[0.5, 0.46, 0.4]]), jnp.ones((1, 1))
+    rendering = LitRendering(rgb, one, one, rgb, Lit(rgb))
+    pale = [Tone(least_colorfulness=x).terms(rendering) for x in (0.2, 0.3)]
+    found = [term["colorfulness"] for term in pale]
+    np.testing.assert_allclose(found, [0.1**2, 0.2**2], rtol=1e-5)
+
+
+def test_settings_of_the_curve_reach_it():
+    network = ToneNetwork(Tone(stops=2.0, contrast=1.2, shoulder=5.0))
+    curve = network.apply(
+        network.init(jax.random.key(0), method="curve"), method="curve"
+    )
+    assert isinstance(curve, Curve)
+    assert (curve.stops, curve.contrast, curve.shoulder) == (2.0, 1.2, 5.0)
