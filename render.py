@@ -76,7 +76,7 @@ def main(argv: Sequence[str]) -> int:
 
     frames = range(len(cameras))
     for frame in progress.track(frames, len(frames), "rendering", "frame"):
-        files = {output: folder / output / f"{frame:04d}.png" for output in outputs}
+        files = {output: frame_file(folder, output, frame) for output in outputs}
         if not all(file.is_file() for file in files.values()):
             rendering = renderer.view(state.params, frame, edit)
             pose = np.asarray(cameras.camtoworlds[frame], np.float64)
@@ -91,10 +91,7 @@ def main(argv: Sequence[str]) -> int:
         print(f"no videos: PyAV is missing ({how}); frames are kept")
         return 0
     for output in outputs:
-        pngs = (folder / output / f"{frame:04d}.png" for frame in frames)
-        stills = (color.to_uint8(image_io.read_srgb(png)) for png in pngs)
-        video.write_video(stills, folder / f"{output}.mp4", render.fps)
-        print(folder / f"{output}.mp4")
+        write_video(folder, output, len(frames), render.fps)
     media = tuple((f"{output}.mp4", explained[output]) for output in outputs)
     used = ", ".join(f"{name} {value}" for name, value in light.items())
     page = pages.write_index(
@@ -108,6 +105,19 @@ def main(argv: Sequence[str]) -> int:
     )
     print(page)
     return 0
+
+
+def frame_file(folder: Path, output: str, frame: int) -> Path:
+    """Where a frame of an output is kept."""
+    return folder / output / f"{frame:04d}.png"
+
+
+def write_video(folder: Path, output: str, frames: int, fps: int) -> None:
+    """Makes the video of an output of its frames."""
+    files = (frame_file(folder, output, frame) for frame in range(frames))
+    stills = (color.to_uint8(image_io.read_srgb(file)) for file in files)
+    video.write_video(stills, folder / f"{output}.mp4", fps)
+    print(folder / f"{output}.mp4")
 
 
 def fingerprint(cameras: Cameras) -> str:

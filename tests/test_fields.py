@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from flax import linen as nn
 
 from internal import grids
 from internal.cameras import cast_rays
@@ -133,23 +134,23 @@ def test_the_data_term_is_the_same_at_any_brightness():
     np.testing.assert_allclose(bright, dark, rtol=1e-5)
 
 
-def shapes(field: FieldConfig) -> dict[str, Any]:
+def shapes(trunk: nn.Module) -> dict[str, Any]:
     """Of a trunk's parameters, and the number of its features."""
-    trunk, place = field.trunk("trunk"), jnp.zeros((4, 3))
+    place = jnp.zeros((4, 3))
     params = jax.eval_shape(trunk.init, jax.random.key(0), place, place)
     _, features = jax.eval_shape(trunk.apply, params, place, place)
     return {**jax.tree.map(lambda x: x.shape, params["params"]), "tau": features.shape}
 
 
 def test_the_encoding_enters_again_every_so_many_layers():
-    found = shapes(MLP(depth=5, width=8, skip=2, max_deg=2))
+    found = shapes(MLP(depth=5, width=8, skip=2, max_deg=2).trunk("trunk"))
     inputs = [found[f"Dense_{layer}"]["Dense_0"]["kernel"][0] for layer in range(6)]
     assert inputs == [12, 8, 8, 8 + 12, 8, 8 + 12]
 
 
 def test_a_grid_has_the_sizes_that_are_asked_for():
     sizes = HashGrid(levels=2, coarsest=4, finest=6, features=3, width_out=5)
-    found = shapes(sizes)
+    found = shapes(sizes.trunk("trunk"))
     assert found["tau"] == (4, 5)
     assert found["_Encoding_0"]["table"] == (5**3 + 7**3, 3)
 

@@ -88,5 +88,5 @@ def test_the_warm_up_starts_at_its_part_of_the_rate_and_the_decay_ends_at_the_la
     )
     schedule = field_schedule(rates, 110)
     wanted = {0: 0.5, 5: 1.25, 10: 2.0, 60: 1.0, 110: 0.5}
-    found = [schedule(step) for step in wanted]
+    found = [np.asarray(schedule(step)) for step in wanted]
     np.testing.assert_allclose(found, list(wanted.values()), rtol=1e-5)
