@@ -110,19 +110,16 @@ def _prepare(inputs: Inputs, scene: Path) -> Report:
         page = write_report(report, None, scene / FOLDER)
         raise UserError(f"{inputs.photos}: {problem} ({page})")
 
-    found_places = matching.matched_pixels(best.database)
-    relative = _sharpness(photos, copies, found_places)
     views = best.models[0].views
-    left_out = sharpness.find_harmful(relative, found_places, views)
+    pixels = matching.matched_pixels(best.database)
+    relative = _sharpness(photos, copies, pixels)
+    left_out = sharpness.find_harmful(relative, pixels, views)
     if inputs.keep_blurred:
         left_out = []
     model = mapping.without(best.models[0], left_out)
     best = dataclasses.replace(best, models=(model,))
     placed = [photos[view] for view in model.views]
-    for view in progress.track(model.views, len(placed), "copying", "photo"):
-        scene_files.place_photo(photos[view], scene)
-        if truth:
-            scene_files.place_truth(photos[view], truth[0][view], scene)
+    _copy_photos(scene, photos, truth[0] if truth else None, model.views)
     gains = _estimate_exposures(photos, copies, best)
     names = [photo.scene_name for photo in placed]
     exposures.write(gains, names, scene / GAINS_FILE)
@@ -153,6 +150,19 @@ def _prepare(inputs: Inputs, scene: Path) -> Report:
     finish_folder(scene, {"registered": float(report.registered)})
     shutil.rmtree(work)
     return report
+
+
+def _copy_photos(
+    scene: Path,
+    photos: Sequence[Photo],
+    truth: Sequence[Path] | None,
+    views: Sequence[int],
+) -> None:
+    """Puts the photos of some views, and their truth, into the scene."""
+    for view in progress.track(views, len(views), "copying", "photo"):
+        scene_files.place_photo(photos[view], scene)
+        if truth:
+            scene_files.place_truth(photos[view], truth[view], scene)
 
 
 def _settings(inputs: Inputs) -> dict[str, str | int]:
