@@ -4,10 +4,11 @@
 ``s`` is normalised distance in [0, 1] along a ray, ``t`` is distance in the units
 of the ray's direction vector, so that a sample sits at ``origin + t * direction``.
 A *space* says how world-frame rays enter it, how s becomes t, how a Gaussian is
-warped before it is encoded, and how far away t is in scene units.
+warped before it is encoded, and how far away t is in scene units. Export and viewer ask
+it for single points, in NumPy.
 """
 
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,10 +18,14 @@ from jaxtyping import Float
 
 from internal import mip
 
+NEAR_INFINITY = 1e-3  # in a space: points closer to it are put there
+
 
 @runtime_checkable
 class Space(Protocol):
     """What the sampler and the field need to know about a scene's extent."""
+
+    faces_one_way: ClassVar[bool]  # through one window, where pixels do not widen
 
     def enter(
         self, origins: Float[Array, "*b 3"], directions: Float[Array, "*b 3"]
@@ -47,6 +52,23 @@ class Space(Protocol):
         """Depth along the camera's axis in scene units."""
         ...
 
+    def ends(
+        self,
+        origin: Float[np.ndarray, " 3"],
+        directions: Float[np.ndarray, "*b 3"],
+        depth: Float[np.ndarray, "*b"],
+    ) -> Float[np.ndarray, "*b 3"]:
+        """Where world-frame rays are at a ``depth`` as stated above."""
+        ...
+
+    def to_field(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """From the model's frame to where the field looks points up."""
+        ...
+
+    def from_field(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """The inverse of ``to_field``; infinity becomes far away."""
+        ...
+
 
 @struct.dataclass
 class ForwardFacing:
@@ -55,6 +77,8 @@ class ForwardFacing:
     ``scale`` is (2 fx / width, 2 fy / height); the near plane is at depth 1. Rays end
     at ``t_far``: 1 is infinity, 1 - 1 / z is depth z.
     """
+
+    faces_one_way: ClassVar[bool] = True
 
     scale: Float[Array | np.ndarray, " 2"]
     t_far: float = struct.field(default=1.0, pytree_node=False)
@@ -79,11 +103,34 @@ class ForwardFacing:
     def depth(self, t: Float[Array, "*b"]) -> Float[Array, "*b"]:
         return 1.0 / jnp.maximum(1.0 - t, 1e-3)
 
+    def ends(
+        self,
+        origin: Float[np.ndarray, " 3"],
+        directions: Float[np.ndarray, "*b 3"],
+        depth: Float[np.ndarray, "*b"],
+    ) -> Float[np.ndarray, "*b 3"]:
+        """Depth is along the axis of all cameras' mean."""
+        t = (-depth - origin[2]) / directions[..., 2]
+        return origin + t[..., None] * directions
+
+    def to_field(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        x, y, z = points.T
+        scale_x, scale_y = np.asarray(self.scale, np.float64)
+        return np.stack([-scale_x * x / z, -scale_y * y / z, 1.0 + 2.0 / z], axis=-1)
+
+    def from_field(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        x, y, z_ndc = points.T
+        scale_x, scale_y = np.asarray(self.scale, np.float64)
+        z = 2.0 / np.minimum(z_ndc - 1.0, -NEAR_INFINITY)
+        return np.stack([-x * z / scale_x, -y * z / scale_y, z], axis=-1)
+
 
 @struct.dataclass
 class Unbounded:
     """World coordinates between ``near`` and ``far``, sampled evenly in 1 / t and
     contracted into a ball of radius 2 (mip-NeRF 360 Eq. 10)."""
+
+    faces_one_way: ClassVar[bool] = False
 
     near: Float[Array | np.ndarray | np.floating, ""]
     far: Float[Array | np.ndarray | np.floating, ""]
@@ -108,6 +155,23 @@ class Unbounded:
 
     def depth(self, t: Float[Array, "*b"]) -> Float[Array, "*b"]:
         return t
+
+    def ends(
+        self,
+        origin: Float[np.ndarray, " 3"],
+        directions: Float[np.ndarray, "*b 3"],
+        depth: Float[np.ndarray, "*b"],
+    ) -> Float[np.ndarray, "*b 3"]:
+        """Depth is in lengths of the directions."""
+        return origin + depth[..., None] * directions
+
+    def to_field(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        return np.asarray(contract(jnp.asarray(points, jnp.float32)), np.float64)
+
+    def from_field(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        radius = np.linalg.norm(points, axis=-1, keepdims=True)
+        beyond = np.maximum(radius, 1.0) * np.maximum(2.0 - radius, NEAR_INFINITY)
+        return np.where(radius > 1.0, points / beyond, points)
 
 
 def world_to_ndc(

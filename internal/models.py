@@ -17,7 +17,7 @@ from jaxtyping import Float, PRNGKeyArray
 from internal import mip, stepfun
 from internal.cameras import Rays
 from internal.configs import ModelConfig
-from internal.coord import ForwardFacing, Space
+from internal.coord import Space
 from internal.enhancements.look import LightEdit
 from internal.heads import DENSITY_BIAS, DecomposedField, PlainField
 from internal.structs import (
@@ -165,7 +165,7 @@ class Model(nn.Module):
 def ray_shape(wanted: str, space: Space) -> Literal["cone", "cylinder"]:
     """``auto`` is a cylinder in NDC, where pixels do not widen, else a cone."""
     if wanted == "auto":
-        return "cylinder" if isinstance(space, ForwardFacing) else "cone"
+        return "cylinder" if space.faces_one_way else "cone"
     return "cone" if wanted == "cone" else "cylinder"
 
 

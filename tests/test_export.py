@@ -27,7 +27,7 @@ from internal.coord import ForwardFacing, Unbounded
 from internal.errors import UserError
 from internal.export import bake, shapes, splat_files
 from internal.export import folder as export_folder
-from internal.export.density import from_field_space, normals, to_field_space
+from internal.export.density import normals
 from internal.export.sightings import (
     between_views,
     look_around,
@@ -63,13 +63,13 @@ def ball(points):
 )  # fmt: skip
 def test_field_space_and_back_is_the_identity(x, y, z, space):
     point = np.array([[x, y, z]])
-    again = from_field_space(space, to_field_space(space, point))
+    again = space.from_field(space.to_field(point))
     np.testing.assert_allclose(again, point, rtol=2e-3, atol=1e-5)
 
 
 def test_ndc_of_the_near_plane_and_of_infinity():
     ends = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, -1e9]])
-    np.testing.assert_allclose(to_field_space(NDC, ends)[:, 2], [-1.0, 1.0], atol=1e-6)
+    np.testing.assert_allclose(NDC.to_field(ends)[:, 2], [-1.0, 1.0], atol=1e-6)
 
 
 @pytest.mark.parametrize("space", [NDC, BALL_OF_TWO])
@@ -161,7 +161,7 @@ def ball_in(scene):
     radius = 0.8 * scale
 
     def density(points):
-        apart = from_field_space(ours.space, np.asarray(points, float)) - middle
+        apart = ours.space.from_field(np.asarray(points, float)) - middle
         inside = radius - np.linalg.norm(apart, axis=-1)
         return 100.0 / (1.0 + np.exp(-np.clip(60.0 * inside / radius, -50.0, 50.0)))
 

@@ -10,12 +10,11 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from internal.coord import ForwardFacing, Unbounded, contract
+from internal.coord import Space
 from internal.models import Model
 from internal.structs import Params
 
 POINTS_PER_CALL = 65_536
-NEAR_INFINITY = 1e-3  # in field space
 
 Density = Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, " n"]]
 
@@ -64,34 +63,9 @@ def _padded(values: Float[np.ndarray, "some ..."]) -> Float[np.ndarray, "m ..."]
     return np.pad(values, [(0, missing)] + [(0, 0)] * (values.ndim - 1), "edge")
 
 
-def to_field_space(
-    space: ForwardFacing | Unbounded, points: Float[np.ndarray, "n 3"]
-) -> Float[np.ndarray, "n 3"]:
-    """From the model's frame to where the field looks points up."""
-    if isinstance(space, Unbounded):
-        return np.asarray(contract(jnp.asarray(points, jnp.float32)), np.float64)
-    x, y, z = points.T
-    scale_x, scale_y = np.asarray(space.scale, np.float64)
-    return np.stack([-scale_x * x / z, -scale_y * y / z, 1.0 + 2.0 / z], axis=-1)
-
-
-def from_field_space(
-    space: ForwardFacing | Unbounded, points: Float[np.ndarray, "n 3"]
-) -> Float[np.ndarray, "n 3"]:
-    """The inverse of ``to_field_space``; infinity becomes far away."""
-    if isinstance(space, Unbounded):
-        radius = np.linalg.norm(points, axis=-1, keepdims=True)
-        beyond = np.maximum(radius, 1.0) * np.maximum(2.0 - radius, NEAR_INFINITY)
-        return np.where(radius > 1.0, points / beyond, points)
-    x, y, z_ndc = points.T
-    scale_x, scale_y = np.asarray(space.scale, np.float64)
-    z = 2.0 / np.minimum(z_ndc - 1.0, -NEAR_INFINITY)
-    return np.stack([-x * z / scale_x, -y * z / scale_y, z], axis=-1)
-
-
 def normals(
     density: Density,
-    space: ForwardFacing | Unbounded,
+    space: Space,
     points: Float[np.ndarray, "n 3"],
     steps: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, "n 3"]:
@@ -105,7 +79,7 @@ def normals(
         shift = np.zeros_like(points)
         shift[:, axis] = steps
         after, before = (
-            density(to_field_space(space, points + sign * shift)) for sign in (1, -1)
+            density(space.to_field(points + sign * shift)) for sign in (1, -1)
         )
         gradient[:, axis] = after - before
     lengths = np.linalg.norm(gradient, axis=-1, keepdims=True)

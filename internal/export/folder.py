@@ -16,7 +16,7 @@ from internal.errors import UserError
 from internal.export import shapes, splat_files
 from internal.export.bake import bake
 from internal.export.dataset import write_dataset
-from internal.export.density import Density, from_field_space, normals, to_field_space
+from internal.export.density import Density, normals
 from internal.export.shapes import Cloud, Mesh
 from internal.export.sightings import Sighting, mean_colors
 from internal.export.splats import carry_over
@@ -142,10 +142,10 @@ def find_mesh(
     Raises:
         UserError: there is none.
     """
-    in_field = to_field_space(scene.space, points)
+    in_field = scene.space.to_field(points)
     level = shapes.choose_threshold(density(in_field))
     vertices, faces = shapes.isosurface(density, in_field, level, resolution)
-    vertices = from_field_space(scene.space, vertices)
+    vertices = scene.space.from_field(vertices)
     seen, colors = mean_colors(vertices, sightings)
     mesh = shapes.keep_faces(Mesh(vertices, faces, colors), seen > 0)
     if len(mesh.faces) == 0:

@@ -17,7 +17,7 @@ from scipy import ndimage
 
 from internal.cameras import Cameras, Lens
 from internal.configs import ModelConfig
-from internal.coord import ForwardFacing, Unbounded
+from internal.coord import Space
 from internal.rendering.pictures import Picture, outputs_of
 from internal.rendering.surfaces import is_background, surface_points
 from internal.scene import colmap
@@ -113,7 +113,7 @@ class Witness:
 class Witnesses:
     """All training cameras, and the noise of their photos."""
 
-    space: ForwardFacing | Unbounded
+    space: Space
     far: float  # depth, model units
     noise_variance: Float[np.ndarray, " nodes"]  # levels, of the colours ``NODES``
     cameras: tuple[Witness, ...]
@@ -179,7 +179,7 @@ def call_witnesses(scene: Scene, factor: int, render: RenderView) -> Witnesses:
 
 
 def witness(
-    space: ForwardFacing | Unbounded,
+    space: Space,
     far: float,
     lens: Lens,
     camtoworld: Float[np.ndarray, "3 4"],

@@ -8,7 +8,6 @@ import numpy as np
 
 from internal.cameras import Cameras
 from internal.configs import RenderConfig
-from internal.coord import ForwardFacing
 from internal.rendering import paths
 from internal.scene.scene import Scene
 
@@ -25,7 +24,7 @@ def path_cameras(scene: Scene, render: RenderConfig) -> Cameras:
     scale = scene.model_from_world.scale
     path = render.path
     if path == "auto":
-        path = "spiral" if isinstance(scene.space, ForwardFacing) else "around"
+        path = "spiral" if scene.space.faces_one_way else "around"
     if path == "spiral":
         near, far = scale * scene.near, scale * scene.far
         poses = paths.spiral(camtoworlds, near, far, render.frames)

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 
 from internal import poses
 from internal.cameras import Lens
-from internal.coord import ForwardFacing, Unbounded
+from internal.coord import ForwardFacing, Space, Unbounded
 from internal.errors import UserError
 from internal.scene import colmap
 from internal.scene.readers.base import SceneFiles
@@ -42,7 +42,7 @@ class Bounds:
 class Frame:
     """The frame a model is trained in."""
 
-    space: ForwardFacing | Unbounded
+    space: Space
     model_from_world: poses.Similarity
     reason: str  # for messages
 

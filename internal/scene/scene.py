@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, UInt16
 
 from internal.cameras import NODES, Cameras, Lens
 from internal.color import UINT16_ONE
-from internal.coord import ForwardFacing, Unbounded
+from internal.coord import Space
 from internal.errors import UserError
 from internal.files.picture_store import Picture, hold
 from internal.poses import Similarity
@@ -72,7 +72,7 @@ class Scene:
     truth: Mapping[int, Picture]  # by view, of those that have it
     masks: tuple[Mask, ...]  # of ``images`` and ``truth``; () if every pixel counts
     gains: Float[np.ndarray, "n 3"]  # photo over scene, linear light
-    space: ForwardFacing | Unbounded
+    space: Space
     near: float  # depth, in the pose file's units
     far: float
     model_from_world: Similarity  # from the frame of the pose file

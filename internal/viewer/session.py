@@ -19,7 +19,7 @@ from jaxtyping import Float, UInt8
 
 from internal.cameras import Lens
 from internal.color import from_uint16
-from internal.coord import ForwardFacing, Unbounded
+from internal.coord import Space
 from internal.enhancements.look import Look, same_edit
 from internal.errors import UserError, one_line
 from internal.rendering.evidence import EVIDENCE, false_colors
@@ -81,14 +81,14 @@ class _Shown:
         row, column = int(place[1] * height), int(place[0] * width)
         return min(max(row, 0), height - 1), min(max(column, 0), width - 1)
 
-    def middle(self, space: ForwardFacing | Unbounded) -> Point:
+    def middle(self, space: Space) -> Point:
         """What is in the middle; exactly there, whatever the pixels."""
         place, axis = self.camera.camtoworld[:, 3], self.camera.camtoworld[:, 2]
         (seen,) = self.points(space, [(0.5, 0.5)])
         return place - ((place - seen) @ axis) * axis
 
     def points(
-        self, space: ForwardFacing | Unbounded, places: Sequence[tuple[float, float]]
+        self, space: Space, places: Sequence[tuple[float, float]]
     ) -> Float[np.ndarray, "n 3"]:
         """Where the rays at places of the picture end."""
         height, width, _ = self.rendering.rgb.shape

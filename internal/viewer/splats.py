@@ -19,11 +19,11 @@ from jaxtyping import Float, UInt8
 from scipy.spatial import KDTree
 
 from internal.color import to_uint8
-from internal.coord import ForwardFacing, Unbounded
+from internal.coord import Space
 from internal.enhancements.look import LightEdit, Look
 from internal.errors import UserError
 from internal.export import splat_files
-from internal.export.density import in_calls, to_field_space
+from internal.export.density import in_calls
 from internal.export.splats import Splats, base_colors, carry_over
 from internal.files.made_folder import RECORD, read_record
 from internal.models import Model
@@ -73,7 +73,7 @@ def exported(run: Path, scene: Scene) -> Baked | None:
 def recolorer(
     model: Model,
     params: Params,
-    space: ForwardFacing | Unbounded,
+    space: Space,
     centres: Float[np.ndarray, "views 3"],
     baked: Baked,
 ) -> Recolor:
@@ -90,7 +90,7 @@ def recolorer(
     points = np.asarray(baked.splats.points, np.float64)
     rays = points - centres[KDTree(centres).query(points)[1]]
     rays /= np.maximum(np.linalg.norm(rays, axis=-1, keepdims=True), 1e-9)
-    places = to_field_space(space, points)
+    places = space.to_field(points)
     variances = np.exp(2.0 * np.asarray(baked.splats.log_scales).max(axis=-1))
     level = _sample(model, params, places, variances, rays)
 
