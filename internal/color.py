@@ -13,14 +13,14 @@ import numpy as np
 from jax import Array
 from jaxtyping import ArrayLike, Float, UInt8, UInt16
 
+from internal import srgb_curve
+
 UINT16_ONE = 65535.0  # what stored pictures hold for 1.0
 
 
 def srgb_to_linear(srgb: ArrayLike) -> Float[Array, "..."]:
     """IEC 61966-2-1 decoding, sRGB in [0, 1] to linear light in [0, 1]."""
-    srgb = jnp.asarray(srgb)
-    power = ((jnp.maximum(srgb, 0.04045) + 0.055) / 1.055) ** 2.4
-    return jnp.where(srgb <= 0.04045, srgb / 12.92, power)
+    return srgb_curve.decode(jnp.asarray(srgb), jnp)
 
 
 def photo_to_linear(srgb: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
@@ -33,9 +33,7 @@ def photo_to_linear(srgb: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
 
 def linear_to_srgb(linear_rgb: ArrayLike) -> Float[Array, "..."]:
     """IEC 61966-2-1 encoding, linear light to sRGB; values above 1 stay above 1."""
-    linear_rgb = jnp.asarray(linear_rgb)
-    power = 1.055 * jnp.maximum(linear_rgb, 0.0031308) ** (1 / 2.4) - 0.055
-    return jnp.where(linear_rgb <= 0.0031308, linear_rgb * 12.92, power)
+    return srgb_curve.encode(jnp.asarray(linear_rgb), jnp)
 
 
 def expose(

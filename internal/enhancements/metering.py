@@ -22,13 +22,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from internal import srgb_curve
 from internal.color import photo_to_linear
 
 MIDDLE = 0.5  # sRGB mean of the developed largest channel at the first exposure
 NORMAL = 0.66  # that mean where nothing else is known
 NORMAL_SHARE = 1 / 3  # of the exposure that brings it about, in the result
 PERCENTILES = (50.0, 75.0, 90.0, 95.0, 98.0, 99.5, 99.9)  # of the largest channel
-FLOOR = 0.25 / 255 / 12.92  # a quarter of a level: the least light that is told apart
+FLOOR = 0.25 / 255 / srgb_curve.SLOPE  # a quarter of a level: the least told apart
 MOST_STOPS = 16.0
 BISECTIONS = 24
 FITTED = Path(__file__).with_suffix(".json")
@@ -158,5 +159,4 @@ def developed(
     light = np.asarray(linear_rgb, np.float64) * 2.0**stops
     exposed = np.maximum(light, 1e-9) ** contrast
     light = exposed / (1.0 + exposed**shoulder) ** (1.0 / shoulder)
-    power = 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055
-    return np.where(light <= 0.0031308, light * 12.92, power)
+    return srgb_curve.encode(light, np)

@@ -20,6 +20,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
+from internal import srgb_curve
+
 LEVELS = 65536  # of a curve: all values of 8 and of 16 bits are among them
 ONE_LEVEL = 1.0 / 255.0
 HDR_WHITE = 203.0  # cd/m2, BT.2408
@@ -136,7 +138,7 @@ def from_codes(primaries: int, transfer: int) -> Encoding | None:
         return Encoding(name, light(_levels())[None], matrix, gamma)
     if transfer in GAMMAS:
         return Encoding("a power", (_levels() ** GAMMAS[transfer])[None], matrix)
-    return Encoding("wide primaries", _srgb_light(_levels())[None], matrix)
+    return Encoding("wide primaries", srgb_curve.decode(_levels(), np)[None], matrix)
 
 
 def from_gamma(gamma: float, chromaticities: tuple[float, ...] = REC709) -> Encoding:
@@ -165,17 +167,11 @@ def _convert(
 
 def encode_srgb(light: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """sRGB of linear light, clipped to [0, 1], in NumPy: reading needs no JAX."""
-    light = np.clip(light, 0.0, 1.0)
-    power = 1.055 * np.maximum(light, 0.0031308) ** np.float32(1 / 2.4) - 0.055
-    return np.where(light <= 0.0031308, 12.92 * light, power).astype(np.float32)
+    return srgb_curve.encode(np.clip(light, 0.0, 1.0), np).astype(np.float32)
 
 
 def _levels() -> Float[np.ndarray, " 65536"]:
     return np.linspace(0.0, 1.0, LEVELS)
-
-
-def _srgb_light(v: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
 
 
 def _pq_light(v: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -23,6 +23,7 @@ from jax.lax import stop_gradient
 from jaxtyping import Float
 from scipy import ndimage, optimize, special, stats
 
+from internal import srgb_curve
 from internal.color import srgb_to_linear
 from internal.files import atomic, image_io
 from internal.scene.masks import Mask, resize_mask
@@ -201,7 +202,7 @@ def record(folder: Path, noise: Noise) -> None:
     """Prints the noise and writes it to ``noise.json`` in the run folder."""
     text = json.dumps(dataclasses.asdict(noise), indent=2)
     atomic.write_text(folder / "noise.json", text + "\n")
-    level = 1.0 / (255.0 * 12.92)
+    level = 1.0 / (255.0 * srgb_curve.SLOPE)
     at_black = ", ".join(f"{np.sqrt(x) / level:.2f}" for x in noise.floor)
     growth = ", ".join(f"{x:.2g}" for x in noise.growth)
     print(f"noise: {at_black} levels at black (R, G, B), variance grows by {growth}")
