@@ -13,6 +13,7 @@ and pose files write the same letter in one or in two characters.
 import contextlib
 import dataclasses
 import functools
+import os
 import unicodedata
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
@@ -69,16 +70,26 @@ def composed(name: str) -> str:
     return unicodedata.normalize("NFC", name)
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is such a file: no, and no error, also for a name that files are
+    asked for but that no disk takes."""
+    return os.path.isfile(path)
+
+
 def find_file(path: Path) -> Path:
     """The path, or the one there that differs only in Unicode's form; else itself."""
-    if path.exists() or path.parent == path:
+    if os.path.exists(path):
         return path
-    parent = find_file(path.parent)
-    if parent.is_dir():
-        for other in sorted(parent.iterdir()):
-            if composed(other.name) == composed(path.name):
-                return other
-    return parent / path.name
+    found = Path()
+    for place, part in enumerate(path.parts):
+        if not os.path.exists(found / part):
+            beside = sorted(found.iterdir()) if os.path.isdir(found) else []
+            alike = [x for x in beside if composed(x.name) == composed(part)]
+            if not alike:
+                return found.joinpath(*path.parts[place:])
+            part = alike[0].name
+        found /= part
+    return found
 
 
 def list_files(folder: Path) -> Iterator[Path]:

@@ -6,6 +6,7 @@ Pictures are read as float sRGB in [0, 1] and returned as uint16, 65535 being 1.
 
 import dataclasses
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -25,6 +26,8 @@ from internal.scene.unround import is_rounded, unround
 
 ROTATION_TOLERANCE = 1e-2  # hand-written JSON drifts; a mirror or a scale does not pass
 SAME_PLACE = 1e-6  # of the coordinates; single precision holds no less
+ALIKE = 0.05  # of a picture's sides
+FAR_FROM_MIDDLE = 0.15  # likewise: farther in both axes alike is another size
 GAINS_FILE = "exposures.json"  # written by prepare.py
 BRIGHTER = 4.0  # times the light of dark photos: exposures of one series differ less
 LOOKED_AT = 3  # photos of each
@@ -74,18 +77,42 @@ def warn_of_one_place(files: SceneFiles) -> None:
 
 
 def check_lenses(files: SceneFiles) -> None:
-    """Refuses lenses that COLMAP's models do not describe.
+    """Refuses lenses that COLMAP's models do not describe, or not in pixels.
 
     Raises:
         UserError: naming the first bad lens's file and view.
     """
     first_view = {lens: i for i, lens in reversed(list(enumerate(files.lenses)))}
     for lens, view in first_view.items():
+        where = f"{files.pose_paths[view]}: {files.names[view]}"
         try:
-            colmap.half_angle(lens)
+            is_panorama = colmap.half_angle(lens) == math.pi
         except UserError as error:
-            where = f"{files.pose_paths[view]}: {files.names[view]}"
             raise UserError(f"{where}: {error}") from error
+        if not is_panorama:
+            _check_pixels(colmap.pinhole(lens), where)
+
+
+def _check_pixels(pinhole: Lens, where: str) -> None:
+    """Refuses a focal length and a principal point that are in no pixels; warns of
+    those that are in the pixels of a picture of another size."""
+    fx, fy, cx, cy = pinhole.params
+    size = pinhole.width, pinhole.height
+    stated = f"{where}: focal length {fx:g}, {fy:g} and principal point {cx:g}, {cy:g}"
+    across, down = cx / size[0], cy / size[1]
+    if (
+        min(fx / size[0], fy / size[1]) < colmap.SHORTEST
+        or not 0.0 < min(across, down) <= max(across, down) < 1.0
+    ):
+        raise UserError(
+            f"{stated} of {size[0]}x{size[1]} pixels; expected pixels, and a principal "
+            "point inside the picture"
+        )
+    if abs(across - down) < ALIKE and abs(across - 0.5) > FAR_FROM_MIDDLE:
+        say_once(
+            f"WARNING: {stated} are those of {2 * cx:.0f}x{2 * cy:.0f} pixels rather "
+            f"than of {size[0]}x{size[1]}: expected pixels of the stated size"
+        )
 
 
 def check_sides(files: SceneFiles) -> None:
@@ -277,8 +304,11 @@ def load_truth(
 
 
 def _has_shape(width: int, height: int, lens: Lens) -> bool:
-    stretch = (width * lens.height) / (height * lens.width)
-    return abs(stretch - 1.0) <= ASPECT_TOLERANCE
+    """Whether a picture shows what its lens does: not one that was cropped, which is
+    of another shape by more than a pixel of the smaller of the two sizes."""
+    across, down = width * lens.height, height * lens.width
+    pixel = max(width + height, lens.width + lens.height)
+    return abs(across / down - 1.0) <= ASPECT_TOLERANCE and abs(across - down) <= pixel
 
 
 def _fit(

@@ -228,7 +228,8 @@ def _pair_by_key(
 
 
 def _stem(name: str) -> str:
-    return PurePosixPath(name).with_suffix("").as_posix()
+    path = PurePosixPath(name)
+    return (path.with_suffix("") if path.name else path).as_posix()
 
 
 def _folded(name: str) -> str:

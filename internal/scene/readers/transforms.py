@@ -17,6 +17,7 @@ camera centres to the JSON's: an ``applied_transform`` needs no special case.
 import dataclasses
 import json
 import math
+import os
 import posixpath
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
@@ -30,7 +31,13 @@ from internal import poses
 from internal.cameras import Lens
 from internal.errors import UserError, one_line
 from internal.files import image_io, ply
-from internal.files.listing import composed, find_file, is_metadata, say_once
+from internal.files.listing import (
+    composed,
+    find_file,
+    is_file,
+    is_metadata,
+    say_once,
+)
 from internal.scene import colmap
 from internal.scene.mask_files import find_masks
 from internal.scene.pairing import dark_twin, match_by_name, pair_poses, some
@@ -49,12 +56,16 @@ FOCAL_KEYS = (
     ("x_fov", "y_fov"),
 )
 ALIKE = 0.05  # of a focal length: between what is stated in several ways
-SHORTEST = 1 / 20  # of a picture's side: 169 degrees, or a focal length not in pixels
 FRACTION = 1.0  # pixels: a principal point below is stated as a part of the picture
-NOT_READ = ("ftheta_p0", "from_mitsuba", "latlong", "equirectangular")  # instant-ngp's
+# instant-ngp's
+NOT_READ = (
+    *("ftheta_p0", "from_mitsuba", "latlong", "equirectangular"),
+    *("transform_matrix_start", "transform_matrix_end"),  # a shutter that rolls
+)
 MOST_POINTS = 200_000  # of a dense cloud, evenly chosen
 WORST_FIT = 0.01  # of the spread of the camera centres
 WORST_AXES = 0.05  # between unit vectors: 3 degrees
+ALL_TERMS = (*"k1 k2 k3 k4 k5 k6 p1 p2 s1 s2 s3 s4 tau_x tau_y".split(),)
 LISTED_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")  # of distortion_params
 FISHEYE_MODELS = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 PERSPECTIVE_MODELS = (
@@ -111,6 +122,11 @@ def read_nerfstudio(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles
     frames = _read_frames(data_dir / SINGLE_FILE, is_test=False)
     test = _listed(frames, "test_filenames") or _listed(frames, "val_filenames")
     train = _listed(frames, "train_filenames")
+    if train & test:
+        say_once(
+            f"WARNING: {data_dir / SINGLE_FILE}: {len(train & test)} views are in two "
+            "of its lists of filenames: held out, not trained on"
+        )
     frames = [
         dataclasses.replace(frame, is_test=frame.values["file_path"] in test)
         for frame in frames
@@ -121,7 +137,7 @@ def read_nerfstudio(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles
 
 def _read_frames(path: Path, is_test: bool) -> list[_Frame]:
     try:
-        content = json.loads(_decoded(path.read_bytes()))
+        content = json.loads(_decoded(path.read_bytes()), object_pairs_hook=_unique)
     except (ValueError, OSError, RecursionError) as error:
         raise UserError(f"{path}: not a JSON file ({error}); write it again") from error
     frames = content.get("frames") if isinstance(content, dict) else None
@@ -129,7 +145,8 @@ def _read_frames(path: Path, is_test: bool) -> list[_Frame]:
         raise UserError(f'{path}: no "frames"; expected a NeRF transforms file')
     shared = {key: value for key, value in content.items() if key != "frames"}
     for index, frame in enumerate(frames):
-        if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+        listed = frame.get("file_path") if isinstance(frame, dict) else None
+        if not isinstance(listed, str) or not listed:
             raise UserError(f'{path}: frame {index} has no "file_path"')
     return [
         _Frame(
@@ -152,6 +169,15 @@ def _inherited(shared: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, A
     return {**shared, **own}
 
 
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object; raises where a key has two values, of which one is not meant."""
+    values = dict(pairs)
+    for key, value in pairs:
+        if value is not values[key] and value != values[key]:
+            raise ValueError(f"{key!r} is there twice, with two values")
+    return values
+
+
 def _decoded(content: bytes) -> str:
     """A text in UTF-8 or UTF-16, with or without the mark that editors put first."""
     utf_16 = content.startswith((b"\xff\xfe", b"\xfe\xff"))
@@ -164,12 +190,12 @@ def locate(folder: Path, listed: str) -> Path:
     holds. The path as written where there is none."""
     spellings = [listed, listed.replace("\\", "/"), unquote(listed.replace("\\", "/"))]
     for spelling in spellings:
-        if find_file(folder / spelling).is_file():
+        if is_file(find_file(folder / spelling)):
             return folder / spelling
     parts = PurePosixPath(spellings[-1]).parts
     for start in range(1, len(parts)):
         path = folder.joinpath(*parts[start:])
-        if find_file(path).is_file():
+        if is_file(find_file(path)):
             return path
     return folder / listed
 
@@ -222,6 +248,10 @@ def _scene_files(
 def _name_unlisted(frames: Sequence[_Frame]) -> None:
     """Names the pictures beside those of the frames that no frame lists."""
     listed = {frame.image_path.name for frame in frames}
+    file = frames[0].json_path.name
+    chosen = " that its lists of filenames name" * bool(
+        frames[0].values.get("train_filenames")
+    )
     for folder in sorted({frame.image_path.parent for frame in frames}):
         beside = sorted(
             path.name
@@ -232,7 +262,7 @@ def _name_unlisted(frames: Sequence[_Frame]) -> None:
         if unlisted:
             say_once(
                 f"{folder}: {len(unlisted)} of {len(beside)} pictures are in no frame "
-                f"of {frames[0].json_path.name}: {some(unlisted)} left out"
+                f"of {file}{chosen}: {some(unlisted)} left out"
             )
 
 
@@ -311,7 +341,7 @@ def _stated_mask(frame: _Frame) -> Path | None:
             f"{repr(listed)[:60]}; expected a path"
         )
     path = find_file(locate(frame.json_path.parent, listed))
-    if not path.is_file():
+    if not is_file(path):
         raise UserError(
             f"{path}: mask not found, but {frame.json_path} names it for "
             f"{frame.image_path.name}; copy it there or remove its mask_path"
@@ -355,12 +385,13 @@ def _find_picture(frame: _Frame) -> Path:
 
 def _alike(frame: _Frame) -> Path | None:
     path = find_file(frame.image_path)
-    if path.is_file():
+    if is_file(path):
         return path
     stems = {composed(stem).casefold() for stem in (path.name, path.stem)}
+    files_beside = path.parent.glob("*") if os.path.isdir(path.parent) else ()
     alike = sorted(
         other
-        for other in path.parent.glob("*")
+        for other in files_beside
         if composed(other.stem).casefold() in stems
         and image_io.is_image(other)
         and other.is_file()
@@ -403,7 +434,7 @@ def _lens(frame: _Frame) -> Lens:
             f"{frame.json_path}: has {foreign[0]}, which this program does not read; "
             "expected a camera_model of nerfstudio, and its OpenGL poses"
         )
-    model = str(frame.values.get("camera_model", "OPENCV")).upper()
+    model = str(frame.values.get("camera_model") or "OPENCV").upper()
     if frame.values.get("is_fisheye", False):
         model = "OPENCV_FISHEYE"
     if model == "EQUIRECTANGULAR":
@@ -424,22 +455,34 @@ def _lens(frame: _Frame) -> Lens:
         terms = (_number(frame, key, 0.0) for key in DISTORTION_TERMS[model])
         return Lens(model, width, height, (*pinhole, *terms))
 
+    _check_terms(frame, model)
     if model in FISHEYE_MODELS:
         return lens("OPENCV_FISHEYE")
-    # k4 to k6 are a denominator in OpenCV's full model alone; nerfstudio's k4 belongs
-    # to r^8, which no lens here has.
-    beyond = [k for k in ("k4", "k5", "k6") if _number(frame, k, 0.0) != 0.0]
-    if beyond and model != "FULL_OPENCV":
-        raise UserError(
-            f"{frame.json_path}: {beyond[0]} of {frame.image_path.name} is "
-            f"{_number(frame, beyond[0], 0.0):g}; this program has no such term in a "
-            f"{model} lens: calibrate with k1, k2, k3, p1, p2, or undistort the photos"
-        )
     # The simplest lens that has all of the terms.
     simple, full = lens("OPENCV"), lens("FULL_OPENCV")
     if any(full.params[len(simple.params) :]):
         return full
     return simple if any(simple.params[len(pinhole) :]) else lens("PINHOLE")
+
+
+def _check_terms(frame: _Frame, model: str) -> None:
+    """Refuses distortion that no lens here of that model has.
+
+    k4 to k6 are a denominator in OpenCV's full model alone; nerfstudio's k4 of other
+    lenses that are no fisheye belongs to r^8.
+    """
+    own = DISTORTION_TERMS["OPENCV_FISHEYE"]
+    if model not in FISHEYE_MODELS:
+        own = DISTORTION_TERMS["FULL_OPENCV"]
+        own = own if model == "FULL_OPENCV" else (*DISTORTION_TERMS["OPENCV"], "k3")
+    for key in ALL_TERMS:
+        if key not in own and _number(frame, key, 0.0) != 0.0:
+            raise UserError(
+                f"{frame.json_path}: {key} of {frame.image_path.name} is "
+                f"{_number(frame, key, 0.0):g}; this program has no such term in a "
+                f"{model} lens: calibrate with {', '.join(own)} alone, or undistort "
+                "the photos"
+            )
 
 
 def _stated_size(frame: _Frame) -> tuple[int, int]:
@@ -465,7 +508,7 @@ def _focal_lengths(frame: _Frame, width: int, height: int) -> tuple[float, float
             f"{frame.json_path}: no focal length for {frame.image_path.name}; expected "
             "fl_x and fl_y in pixels or camera_angle_x in radians"
         )
-    if fx < SHORTEST * width or fy < SHORTEST * height:
+    if fx < colmap.SHORTEST * width or fy < colmap.SHORTEST * height:
         raise UserError(
             f"{frame.json_path}: the focal length of {frame.image_path.name} is "
             f"{fx:g} x {fy:g} for {width}x{height} pixels; expected pixels"
@@ -538,7 +581,8 @@ def _with_listed_distortion(frame: _Frame) -> _Frame:
 
 def _number(frame: _Frame, key: str, default: float) -> float:
     value = frame.values.get(key, default)
-    if not isinstance(value, int | float) or not abs(value) < LARGEST_NUMBER:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not abs(value) < LARGEST_NUMBER:
         raise UserError(
             f"{frame.json_path}: {key} of {frame.image_path.name} is "
             f"{repr(value)[:60]}; expected a finite number"
@@ -561,10 +605,17 @@ def _points(
 ) -> tuple[Float[np.ndarray, "m 3"], str]:
     """Points in the JSON's frame, and what they are. A cloud that cannot be read is
     named and done without: points only say how deep the scene is."""
-    listed = {frame.values.get("ply_file_path"): frame.json_path for frame in frames}
+    listed = {}
+    for frame in frames:
+        name = frame.values.get("ply_file_path") or None
+        if name is not None and not isinstance(name, str):
+            raise UserError(
+                f"{frame.json_path}: ply_file_path is {repr(name)[:60]}; expected a "
+                "path"
+            )
+        if name:
+            listed[name] = frame.json_path
     for name, json_path in listed.items():
-        if not isinstance(name, str) or not name:
-            continue
         path = find_file(locate(json_path.parent, name))
         try:
             rows = ply.read(path)
