@@ -6,6 +6,7 @@ help and wrong flags are then answered at once.
 """
 
 import argparse
+import io
 import os
 import shlex
 import signal
@@ -34,7 +35,9 @@ def begin(parser: argparse.ArgumentParser, *, computes: bool = True) -> None:
 
 def run(main: Callable[[Sequence[str]], int]) -> None:
     """Runs ``main(argv)`` and exits: one line and code 2 for a ``UserError`` and where
-    memory does not suffice."""
+    memory does not suffice. Letters that the output cannot take are escaped."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         code = main(sys.argv[1:])
     except UserError as error:

@@ -55,6 +55,15 @@ def test_a_script_prints_one_line_and_exits_with_two():
     assert result.stdout.startswith("devices: ")
 
 
+def test_letters_that_the_output_cannot_take_are_escaped(monkeypatch, capsys):
+    def main(_):
+        print("photo caf\udce9.jpg")
+        raise UserError("error")
+
+    assert exit_code(main, [], monkeypatch) == 2
+    assert capsys.readouterr().out == "photo caf\\udce9.jpg\n"
+
+
 @pytest.mark.parametrize(
     "program", [train_script, eval_script, render_script, view_script, export_script]
 )

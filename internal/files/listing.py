@@ -129,6 +129,9 @@ def find_pictures(folder: Path) -> Listing:
         inside = path.relative_to(folder)
         name = inside.as_posix()
         reason = _why_not(path)
+        if not image_io.has_utf8(inside):
+            reason = "its name or a folder's is not UTF-8; rename it"
+            name = name.encode(errors="backslashreplace").decode()
         if not reason and SET_ASIDE.intersection(map(str.casefold, inside.parts[:-1])):
             reason = "in a folder of thumbnails or waste"
         if reason:

@@ -17,7 +17,7 @@ from internal.cameras import Lens
 from internal.errors import UserError, one_line
 from internal.files.listing import list_pictures, say_once
 from internal.scene.mask_files import find_masks
-from internal.scene.pairing import find_input_folder
+from internal.scene.pairing import counts_up, find_input_folder
 from internal.scene.readers.base import Reader, SceneFiles
 
 POSES_FILE = "poses_bounds.npy"
@@ -45,9 +45,10 @@ def read(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles:
             "poses belong to pictures by sorted order, so the counts must agree: "
             "remove the pictures that have no pose"
         )
+    as_text = "" if counts_up(names) else f", as text: {', '.join(names[:3])}, ..."
     say_once(
         f"{poses_path}: its {len(rows)} poses carry no names: they are paired by order "
-        f"with the pictures of {folder}, from {names[0]} to {names[-1]}"
+        f"with the pictures of {folder}, from {names[0]} to {names[-1]}{as_text}"
     )
     matrices = rows[:, :15].reshape(-1, 3, 5)
     return SceneFiles(

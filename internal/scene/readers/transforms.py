@@ -239,7 +239,7 @@ def _scene_files(
         bounds=_bounds(frames),
         test_names=test_names or None,
         mask_paths=_masks(data_dir, tuple(by_name.values())),
-        upright=_means_upright(image_paths, lenses),
+        upright=_means_upright(image_paths, lenses, tuple(by_name.values())),
         points_source=points_source,
         transparent_is_black=name == BLENDER.name,
     )
@@ -279,15 +279,29 @@ def _check_repeated(unique: Mapping[Path, _Frame], frames: Sequence[_Frame]) -> 
             )
 
 
-def _means_upright(paths: Sequence[Path], lenses: Sequence[Lens]) -> bool:
+def _means_upright(
+    paths: Sequence[Path], lenses: Sequence[Lens], frames: Sequence[_Frame]
+) -> bool:
     """Whether poses mean photos as turned by their EXIF orientation, as far as the
-    stated sizes tell: not if they fit the stored pixels alone."""
-    for path, lens in zip(paths, lenses, strict=True):
+    stated sizes tell: not if they fit the stored pixels alone. Where none tells, it is
+    taken as meant and said."""
+    told, untold = False, []
+    for path, lens, frame in zip(paths, lenses, frames, strict=True):
         turned, stored = image_io.read_size(path), image_io.read_size(path, False)
         is_wide = lens.width > lens.height
         if turned != stored and is_wide == (stored[0] > stored[1]):
             print(f"  {path}: taken as stored, without its EXIF turn, as its size says")
             return False
+        if turned != stored and {"w", "h"} <= frame.values.keys():
+            told = True
+        elif image_io.is_turned(path):
+            untold.append(path)
+    if untold and not told:
+        say_once(
+            f"WARNING: {untold[0]}: turned as its EXIF orientation says, like "
+            f"{len(untold)} of {len(paths)} photos; no stated size tells whether the "
+            "poses mean that: if they do not, save the photos without the tag"
+        )
     return True
 
 
