@@ -23,6 +23,7 @@ from tests.scene_writers import (
     write_llff,
     write_model,
     write_nerfstudio,
+    write_pictures,
 )
 
 
@@ -280,3 +281,43 @@ def test_a_picture_of_impossible_size_is_refused_at_once(write, tmp_path):
     write(tmp_path, dataclasses.replace(surrounding_world(4), lens=lens))
     with pytest.raises(UserError, match="expected at most 131072 pixels a side"):
         check_lenses(read_files(tmp_path, "auto", ""))
+
+
+@pytest.mark.parametrize(
+    ("distance", "is_named"), [(300.0, False), (1e4, True), (1e30, True)]
+)
+def test_a_camera_far_from_all_others_is_named(distance, is_named, tmp_path, capsys):
+    world = surrounding_world(6)
+    moved = world.camtoworlds.copy()
+    moved[2, :, 3] = distance
+    far = dataclasses.replace(world, camtoworlds=moved)
+    write_nerfstudio(tmp_path, far, near=1.0, far=9.0)
+    load_scene(SceneConfig(str(tmp_path)), "train")
+    assert ("02.png: more than 100 times" in capsys.readouterr().out) == is_named
+
+
+@pytest.mark.parametrize(("level", "is_said"), [(2.0, True), (4.0, True), (9.0, False)])
+def test_truth_that_is_no_brighter_than_its_photos_is_warned_of(
+    level, is_said, tmp_path, capsys
+):
+    world = surrounding_world(6)
+    write_colmap(tmp_path, world)
+    write_pictures(tmp_path / "gt", world.names, level)
+    load_scene(SceneConfig(str(tmp_path)), "test")
+    assert ("truth is no brighter than" in capsys.readouterr().out) == is_said
+
+
+@pytest.mark.parametrize("inside", ["images", "sparse/0"])
+def test_a_folder_inside_a_scene_says_where_the_scene_is(inside, tmp_path):
+    write_colmap(tmp_path, surrounding_world(6))
+    with pytest.raises(UserError, match=f"; the scene is {tmp_path}$"):
+        read_files(tmp_path / inside, "auto", "")
+    with pytest.raises(UserError, match=r"images\.bin: a file; expected the folder"):
+        read_files(tmp_path / "sparse/0/images.bin", "auto", "")
+
+
+def test_gains_nested_beyond_reading_are_refused(tmp_path):
+    write_colmap(tmp_path, surrounding_world(6))
+    (tmp_path / "exposures.json").write_text("[" * 100_000)
+    with pytest.raises(UserError, match="no gain for every photo"):
+        load_scene(SceneConfig(str(tmp_path)), "train")

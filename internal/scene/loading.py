@@ -28,6 +28,7 @@ ROTATION_TOLERANCE = 1e-2  # hand-written JSON drifts; a mirror or a scale does 
 SAME_PLACE = 1e-6  # of the coordinates; single precision holds no less
 ALIKE = 0.05  # of a picture's sides
 FAR_FROM_MIDDLE = 0.15  # likewise: farther in both axes alike is another size
+STRAY = 100.0  # times the distance of half of the cameras
 GAINS_FILE = "exposures.json"  # written by prepare.py
 BRIGHTER = 4.0  # times the light of dark photos: exposures of one series differ less
 LOOKED_AT = 3  # photos of each
@@ -73,6 +74,21 @@ def warn_of_one_place(files: SceneFiles) -> None:
         say_once(
             f"WARNING: {files.pose_paths[0]}: all {len(centres)} cameras stand at one "
             "place, so nothing tells how far things are: take photos a step apart"
+        )
+
+
+def warn_of_strays(files: SceneFiles) -> None:
+    """Names cameras so far from all others that their poses are a mistake: the scene
+    is scaled to hold them, and the others come to stand at one place in it."""
+    centres = files.camtoworlds[:, :, 3]
+    apart = np.abs(centres - np.median(centres, axis=0)).max(axis=-1)
+    strays = np.flatnonzero(apart > STRAY * np.median(apart)) if apart.any() else []
+    names = [files.names[view] for view in strays]
+    if names and np.median(apart) > 0.0:
+        say_once(
+            f"WARNING: {files.pose_paths[strays[0]]}: {some(names)}: more than "
+            f"{STRAY:g} times as far from the middle of the cameras as half of them; "
+            "if these poses are a mistake, remove their views"
         )
 
 
@@ -261,7 +277,7 @@ def load_gains(
             own = [name for name in stored if photo.endswith(f"/{name}")]
             rows.append(stored[max(own, key=len)])
         gains = np.array(rows, np.float32)
-    except (ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise UserError(
             f"{path}: no gain for every photo ({error!r}); run prepare.py again, "
             "delete the file, or set Config.photo_gains = False"

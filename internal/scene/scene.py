@@ -46,6 +46,7 @@ from internal.scene.loading import (
     load_picture,
     load_truth,
     warn_of_one_place,
+    warn_of_strays,
 )
 from internal.scene.masks import Mask, everything, load_masks, masked_share, report
 from internal.scene.noise import Noise, noise_of_files
@@ -156,6 +157,7 @@ def load_scene(
         )
     if not config.images_dir:  # else the user chose: LLE + NeRF chooses bright photos
         _warn_of_normal_light(scene)
+        _warn_of_dark_truth(scene)
     return scene
 
 
@@ -171,6 +173,7 @@ def _lay_out(
     check_lenses(files)
     check_sides(files)
     warn_of_one_place(files)
+    warn_of_strays(files)
     lenses = fit_lenses(files, config.factor)
     is_test = held_out(files, config.holdout)
     trained = int((~is_test).sum())
@@ -327,4 +330,18 @@ def _warn_of_normal_light(scene: Scene) -> None:
             f"WARNING: this does not look like a low-light scene: mean brightness "
             f"{255 * scene.brightness:.0f} of 255. The enhancement is made for dark "
             "photos; give the dark folder with Config.images_dir"
+        )
+
+
+def _warn_of_dark_truth(scene: Scene) -> None:
+    """Says so if truth has no more light than the photos: it is a folder of these."""
+    if not (scene.images and scene.truth):
+        return
+    photos = np.mean([scene.images[view].mean() for view in scene.truth])
+    truth = np.mean([picture.mean() for picture in scene.truth.values()])
+    if truth <= photos:
+        print(
+            f"WARNING: the truth is no brighter than the photos ({truth / 257:.1f} and "
+            f"{photos / 257:.1f} of 255, mean): point Config.gt_dir at the "
+            "normal-light twins, or scores are of something else"
         )
