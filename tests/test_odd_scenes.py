@@ -18,6 +18,8 @@ from internal.scene.scene import load_scene
 from tests.scene_writers import (
     edit_json,
     flat_picture,
+    llff_rows,
+    random_rotation,
     surrounding_world,
     write_colmap,
     write_llff,
@@ -321,3 +323,36 @@ def test_gains_nested_beyond_reading_are_refused(tmp_path):
     (tmp_path / "exposures.json").write_text("[" * 100_000)
     with pytest.raises(UserError, match="no gain for every photo"):
         load_scene(SceneConfig(str(tmp_path)), "train")
+
+
+@pytest.mark.parametrize("is_sorted", [True, False])
+def test_rows_in_another_order_than_a_model_beside_are_named(
+    is_sorted, tmp_path, capsys
+):
+    world = surrounding_world(12)
+    names = [f"{number}.png" for number in range(1, 13)]
+    write_pictures(tmp_path / "images", names)
+    write_model(tmp_path / "sparse/0", world, binary=False)
+    path = tmp_path / "sparse/0/images.txt"
+    path.write_text(re.sub(r"0?(\d+)\.png", renumbered, path.read_text()))
+    order = sorted(range(12), key=names.__getitem__) if is_sorted else range(12)
+    moved = world.moved(2.0, random_rotation(), np.ones(3))
+    rows = llff_rows(moved, (1.0, 20.0))[list(order)]
+    np.save(tmp_path / "poses_bounds.npy", rows)
+    read_files(tmp_path, "auto", "")
+    said = capsys.readouterr().out
+    assert ("place them elsewhere than" in said) == (not is_sorted)
+
+
+def renumbered(name: re.Match[str]) -> str:
+    return f"{int(name[1]) + 1}.png"
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_points_that_few_cameras_see_are_warned_of(turned, tmp_path, capsys):
+    world = surrounding_world(6)
+    write_nerfstudio(tmp_path, world, ply_file_path="cloud.ply")
+    points = world.points * (1.0, -1.0, -1.0) if turned else world.points
+    ply.write(tmp_path / "cloud.ply", dict(zip("xyz", points.T, strict=True)))
+    load_scene(SceneConfig(str(tmp_path)), "train")
+    assert ("3 of 5 cameras see fewer than 8 of" in capsys.readouterr().out) == turned
