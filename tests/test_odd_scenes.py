@@ -13,7 +13,7 @@ from internal.errors import UserError
 from internal.files import image_io, ply
 from internal.scene.config import SceneConfig
 from internal.scene.loading import check_lenses, fit_lenses
-from internal.scene.readers import read_files
+from internal.scene.readers import read_files, transforms
 from internal.scene.scene import load_scene
 from tests.scene_writers import (
     edit_json,
@@ -21,6 +21,7 @@ from tests.scene_writers import (
     llff_rows,
     random_rotation,
     surrounding_world,
+    write_blender,
     write_colmap,
     write_llff,
     write_model,
@@ -356,3 +357,39 @@ def test_points_that_few_cameras_see_are_warned_of(turned, tmp_path, capsys):
     ply.write(tmp_path / "cloud.ply", dict(zip("xyz", points.T, strict=True)))
     load_scene(SceneConfig(str(tmp_path)), "train")
     assert ("3 of 5 cameras see fewer than 8 of" in capsys.readouterr().out) == turned
+
+
+def test_frames_without_their_ending_list_a_folder_once(tmp_path, monkeypatch):
+    write_blender(tmp_path, surrounding_world(6), test=(0, 1))
+    for split in ("train", "test"):
+        path = tmp_path / f"transforms_{split}.json"
+        path.write_text(path.read_text().replace(".png", ""))
+    listed = []
+    by_stem = transforms._by_stem
+    monkeypatch.setattr(
+        transforms, "_by_stem", lambda folder: listed.append(folder) or by_stem(folder)
+    )
+    assert len(read_files(tmp_path, "auto", "").names) == 6
+    assert listed == [tmp_path / "low"]
+
+
+@pytest.mark.parametrize("is_copied", [True, False])
+def test_copies_of_training_photos_among_test_views_are_named(
+    is_copied, tmp_path, capsys
+):
+    world = surrounding_world(6)
+    write_nerfstudio(tmp_path, world, test_filenames=["00.png"], near=1.0, far=9.0)
+    (tmp_path / "images/00.png").rename(tmp_path / "images/copy.png")
+
+    def change(content):
+        content["test_filenames"] = ["images/copy.png"]
+        content["frames"][-1]["file_path"] = "images/copy.png"
+        if is_copied:
+            content["frames"][-1]["transform_matrix"] = content["frames"][0][
+                "transform_matrix"
+            ]
+
+    edit_json(tmp_path / "transforms.json", change)
+    load_scene(SceneConfig(str(tmp_path)), "train")
+    said = "1 of 1 test views have the very pose of a training view: copy.png"
+    assert (said in capsys.readouterr().out) == is_copied

@@ -83,7 +83,8 @@ def find_file(path: Path) -> Path:
     found = Path()
     for place, part in enumerate(path.parts):
         if not os.path.exists(found / part):
-            beside = sorted(found.iterdir()) if os.path.isdir(found) else []
+            has_forms = not part.isascii() and os.path.isdir(found)
+            beside = sorted(found.iterdir()) if has_forms else []
             alike = [x for x in beside if composed(x.name) == composed(part)]
             if not alike:
                 return found.joinpath(*path.parts[place:])

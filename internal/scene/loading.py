@@ -92,6 +92,23 @@ def warn_of_strays(files: SceneFiles) -> None:
         )
 
 
+def warn_of_leaks(files: SceneFiles, is_test: Bool[np.ndarray, " n"]) -> None:
+    """Names test views that were taken from the very pose of a training view: copies
+    of its photo, of which scores tell nothing."""
+    trained = {pose.tobytes() for pose in files.camtoworlds[~is_test]}
+    leaks = [
+        files.names[view]
+        for view in np.flatnonzero(is_test)
+        if files.camtoworlds[view].tobytes() in trained
+    ]
+    if leaks:
+        say_once(
+            f"WARNING: {files.pose_paths[0]}: {len(leaks)} of {is_test.sum()} test "
+            f"views have the very pose of a training view: {some(leaks)}; scores of "
+            "copies of training photos tell nothing"
+        )
+
+
 def check_lenses(files: SceneFiles) -> None:
     """Refuses lenses that COLMAP's models do not describe, or not in pixels.
 

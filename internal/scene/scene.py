@@ -45,6 +45,7 @@ from internal.scene.loading import (
     load_gains,
     load_picture,
     load_truth,
+    warn_of_leaks,
     warn_of_one_place,
     warn_of_strays,
 )
@@ -176,6 +177,7 @@ def _lay_out(
     warn_of_strays(files)
     lenses = fit_lenses(files, config.factor)
     is_test = held_out(files, config.holdout)
+    warn_of_leaks(files, is_test)
     trained = int((~is_test).sum())
     if trained < 2:
         raise UserError(

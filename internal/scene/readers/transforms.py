@@ -73,6 +73,9 @@ PERSPECTIVE_MODELS = (
     *("OPENCV", "FULL_OPENCV", "PERSPECTIVE"),
 )
 
+# Of folders that were looked at, the pictures by their names up to the ending.
+_Folders = dict[Path, dict[str, list[Path]]]
+
 
 @dataclasses.dataclass(frozen=True)
 class _Frame:
@@ -208,9 +211,10 @@ def _scene_files(
     frames: Sequence[_Frame],
 ) -> SceneFiles:
     if not images_dir:
-        frames = _with_pictures(frames)
+        folders: _Folders = {}
+        frames = _with_pictures(frames, folders)
         frames = [
-            dataclasses.replace(frame, image_path=_find_picture(frame))
+            dataclasses.replace(frame, image_path=_find_picture(frame, folders))
             for frame in frames
         ]
         _name_unlisted(frames)
@@ -305,10 +309,12 @@ def _means_upright(
     return True
 
 
-def _with_pictures(frames: Sequence[_Frame]) -> list[_Frame]:
+def _with_pictures(frames: Sequence[_Frame], folders: _Folders) -> list[_Frame]:
     """The frames without those test views whose photo is not there: benchmarks list
     pictures that they keep for themselves."""
-    missing = [frame for frame in frames if frame.is_test and not _alike(frame)]
+    missing = [
+        frame for frame in frames if frame.is_test and not _alike(frame, folders)
+    ]
     if missing:
         shown = ", ".join(frame.image_path.name for frame in missing[:3])
         print(
@@ -386,9 +392,9 @@ def _listed(frames: Sequence[_Frame], key: str) -> set[str]:
     return {stated[name].values["file_path"] for name in found.values()}
 
 
-def _find_picture(frame: _Frame) -> Path:
+def _find_picture(frame: _Frame, folders: _Folders) -> Path:
     """The listed file; or the one of that stem, with any extension or case."""
-    found = _alike(frame)
+    found = _alike(frame, folders)
     if found is None:
         raise UserError(
             f"{frame.image_path}: image not found, but {frame.json_path} lists it; "
@@ -397,20 +403,14 @@ def _find_picture(frame: _Frame) -> Path:
     return found
 
 
-def _alike(frame: _Frame) -> Path | None:
+def _alike(frame: _Frame, folders: _Folders) -> Path | None:
     path = find_file(frame.image_path)
     if is_file(path):
         return path
+    if path.parent not in folders:
+        folders[path.parent] = _by_stem(path.parent)
     stems = {composed(stem).casefold() for stem in (path.name, path.stem)}
-    files_beside = path.parent.glob("*") if os.path.isdir(path.parent) else ()
-    alike = sorted(
-        other
-        for other in files_beside
-        if composed(other.stem).casefold() in stems
-        and image_io.is_image(other)
-        and other.is_file()
-        and not is_metadata(other)
-    )
+    alike = sorted(x for stem in stems for x in folders[path.parent].get(stem, ()))
     named = composed(path.name).casefold()
     alike = [other for other in alike if other.name.casefold() == named] or alike
     if len(alike) > 1:
@@ -419,6 +419,15 @@ def _alike(frame: _Frame) -> Path | None:
             f"meant; write its ending into {frame.json_path}"
         )
     return alike[0] if alike else None
+
+
+def _by_stem(folder: Path) -> dict[str, list[Path]]:
+    """The pictures of a folder by their names up to the ending, in lower case."""
+    found: dict[str, list[Path]] = {}
+    for path in folder.glob("*") if os.path.isdir(folder) else ():
+        if image_io.is_image(path) and is_file(path) and not is_metadata(path):
+            found.setdefault(composed(path.stem).casefold(), []).append(path)
+    return found
 
 
 def _camtoworld(frame: _Frame) -> Float[np.ndarray, "3 4"]:
@@ -502,7 +511,7 @@ def _check_terms(frame: _Frame, model: str) -> None:
 def _stated_size(frame: _Frame) -> tuple[int, int]:
     """(width, height) in pixels as stated, else of the picture itself."""
     if not {"w", "h"} <= frame.values.keys():
-        return image_io.read_size(_find_picture(frame))
+        return image_io.read_size(_find_picture(frame, {}))
     width, height = round(_number(frame, "w", 0.0)), round(_number(frame, "h", 0.0))
     if min(width, height) < 1:
         raise UserError(f"{frame.json_path}: picture size {width}x{height} is empty")
