@@ -393,3 +393,36 @@ def test_copies_of_training_photos_among_test_views_are_named(
     load_scene(SceneConfig(str(tmp_path)), "train")
     said = "1 of 1 test views have the very pose of a training view: copy.png"
     assert (said in capsys.readouterr().out) == is_copied
+
+
+@pytest.mark.parametrize(
+    ("shared", "own", "words"),
+    [
+        ({}, {"w": 12, "h": 9}, "w of .*00.png is 12, but its fl_x is the file's"),
+        ({}, {"w": 12, "h": 9, "fl_x": 10.0, "fl_y": 10.0, "cx": 6.0, "cy": 4.0}, ""),
+        ({}, {"w": 24, "h": 18}, ""),
+        ({"w": None, "h": None}, {}, "one fl_x for pictures of several sizes"),
+        ({"w": None, "h": None}, {"fl_x": 10.0, "fl_y": 10.0, "cx": 6.0, "cy": 4}, ""),
+        ({"w": None, "h": None, "fl_x": None, "fl_y": None}, {"x_fov": 50.0}, ""),
+    ],
+)
+def test_a_focal_length_in_pixels_is_of_one_size(shared, own, words, tmp_path):
+    world = surrounding_world(6)
+    write_nerfstudio(tmp_path, world)
+
+    def change(content):
+        content.update({"cx": None, "cy": None, "x_fov": 60.0} if shared else {})
+        content.update(shared)
+        for key in [key for key, value in content.items() if value is None]:
+            del content[key]
+        if "fl_x" in content:
+            content.pop("x_fov", None)
+        content["frames"][-1].update(own)
+
+    edit_json(tmp_path / "transforms.json", change)
+    image_io.write(tmp_path / "images/00.png", flat_picture(9, 12, 9))
+    if words:
+        with pytest.raises(UserError, match=words):
+            read_files(tmp_path, "auto", "")
+    else:
+        fit_lenses(read_files(tmp_path, "auto", ""), 1)

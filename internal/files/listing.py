@@ -133,6 +133,9 @@ def find_pictures(folder: Path) -> Listing:
         if not image_io.has_utf8(inside):
             reason = "its name or a folder's is not UTF-8; rename it"
             name = name.encode(errors="backslashreplace").decode()
+        elif "\n" in name or "\r" in name:
+            reason = "a line break in its name; rename it"
+            name = repr(name)[1:-1]
         if not reason and SET_ASIDE.intersection(map(str.casefold, inside.parts[:-1])):
             reason = "in a folder of thumbnails or waste"
         if reason:

@@ -151,6 +151,7 @@ def _read_frames(path: Path, is_test: bool) -> list[_Frame]:
         listed = frame.get("file_path") if isinstance(frame, dict) else None
         if not isinstance(listed, str) or not listed:
             raise UserError(f'{path}: frame {index} has no "file_path"')
+        _check_own_size(path, shared, frame)
     return [
         _Frame(
             path,
@@ -160,6 +161,35 @@ def _read_frames(path: Path, is_test: bool) -> list[_Frame]:
         )
         for f in frames
     ]
+
+
+def _check_own_size(
+    path: Path, shared: Mapping[str, Any], own: Mapping[str, Any]
+) -> None:
+    """Refuses a frame of another size than the file's, with the file's lens."""
+    for side, focal in (("w", "fl_x"), ("h", "fl_y")):
+        differs = side in own and shared.get(side, own[side]) != own[side]
+        if differs and focal in shared and focal not in own:
+            raise UserError(
+                f"{path}: {side} of {own['file_path'][:60]} is {own[side]}, but its "
+                f"{focal} is the file's, for {shared[side]}; expected its own {focal}"
+            )
+
+
+def _check_one_size(frames: Sequence[_Frame], lenses: Sequence[Lens]) -> None:
+    """Refuses one focal length in pixels for pictures of several sizes where no w and
+    h says for which. Pictures may lie on their sides."""
+    sizes: dict[Any, set[tuple[int, ...]]] = {}
+    for frame, lens in zip(frames, lenses, strict=True):
+        if "fl_x" in frame.values and not {"w", "h"} <= frame.values.keys():
+            size = tuple(sorted((lens.width, lens.height)))
+            sizes.setdefault(frame.values["fl_x"], set()).add(size)
+            if len(sizes[frame.values["fl_x"]]) > 1:
+                raise UserError(
+                    f"{frame.json_path}: one fl_x for pictures of several sizes, such "
+                    f"as {frame.image_path.name}; expected w and h, of the size that "
+                    "it is for"
+                )
 
 
 def _inherited(shared: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
@@ -232,6 +262,7 @@ def _scene_files(
     points, points_source = _points(data_dir, frames, names, camtoworlds)
     test_names = frozenset(n for n, frame in by_name.items() if frame.is_test)
     lenses = tuple(_lens(frame) for frame in by_name.values())
+    _check_one_size(tuple(by_name.values()), lenses)
     return SceneFiles(
         format=name,
         names=names,
