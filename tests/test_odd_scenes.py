@@ -4,6 +4,7 @@
 import dataclasses
 import math
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -426,3 +427,21 @@ def test_a_focal_length_in_pixels_is_of_one_size(shared, own, words, tmp_path):
             read_files(tmp_path, "auto", "")
     else:
         fit_lenses(read_files(tmp_path, "auto", ""), 1)
+
+
+@pytest.mark.parametrize("has_own", [True, False])
+def test_a_copied_scene_that_lists_the_first_ones_photos_says_so(
+    has_own, tmp_path, capsys
+):
+    world = surrounding_world(6)
+    write_nerfstudio(tmp_path / "first", world)
+    write_nerfstudio(tmp_path / "copy", world)
+    json_path = tmp_path / "copy/transforms.json"
+    folder = f'"{tmp_path / "first/images"}/'
+    json_path.write_text(json_path.read_text().replace('"images/', folder))
+    if not has_own:
+        shutil.rmtree(tmp_path / "copy/images")
+    paths = read_files(tmp_path / "copy", "auto", "").image_paths
+    assert paths[0] == tmp_path / "first/images/00.png"
+    said = capsys.readouterr().out
+    assert ("6 of 6 pictures are taken from elsewhere" in said) == has_own

@@ -225,12 +225,31 @@ def locate(folder: Path, listed: str) -> Path:
     for spelling in spellings:
         if is_file(find_file(folder / spelling)):
             return folder / spelling
-    parts = PurePosixPath(spellings[-1]).parts
+    return _of_another_machine(folder, spellings[-1]) or folder / listed
+
+
+def _of_another_machine(folder: Path, listed: str) -> Path | None:
+    """What the scene holds at the longest end of a path."""
+    parts = PurePosixPath(listed).parts
     for start in range(1, len(parts)):
         path = folder.joinpath(*parts[start:])
         if is_file(find_file(path)):
             return path
-    return folder / listed
+    return None
+
+
+def _name_outside(data_dir: Path, frames: Sequence[_Frame]) -> None:
+    """Says so if pictures are taken from elsewhere though the scene has some of these
+    names: a scene that was copied still lists those that it was copied from."""
+    outside = [f for f in frames if not f.image_path.is_relative_to(data_dir)]
+    for frame in outside[:1]:
+        inside = _of_another_machine(data_dir, frame.image_path.as_posix())
+        if inside:
+            say_once(
+                f"WARNING: {frame.json_path}: {len(outside)} of {len(frames)} pictures "
+                f"are taken from elsewhere, as it says, such as {frame.image_path}, "
+                f"not {inside}: list paths from its own folder to use these"
+            )
 
 
 def _scene_files(
@@ -248,6 +267,7 @@ def _scene_files(
             for frame in frames
         ]
         _name_unlisted(frames)
+        _name_outside(data_dir, frames)
     # A picture listed for training and for testing is held out: the last one wins.
     unique = {frame.image_path: frame for frame in frames}
     _check_repeated(unique, frames)
