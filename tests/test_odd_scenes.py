@@ -445,3 +445,29 @@ def test_a_copied_scene_that_lists_the_first_ones_photos_says_so(
     assert paths[0] == tmp_path / "first/images/00.png"
     said = capsys.readouterr().out
     assert ("6 of 6 pictures are taken from elsewhere" in said) == has_own
+
+
+def test_black_photos_and_copies_are_named(tmp_path, capsys):
+    world = surrounding_world(8)
+    write_colmap(tmp_path, world)
+    load_scene(SceneConfig(str(tmp_path)), "train")
+    assert "WARNING" not in capsys.readouterr().out
+    for name in ("02.png", "05.png"):
+        image_io.write(tmp_path / "images" / name, flat_picture(0.0))
+    shutil.copy(tmp_path / "images/03.png", tmp_path / "images/06.png")
+    load_scene(SceneConfig(str(tmp_path)), "train")
+    said = capsys.readouterr().out
+    assert "all black: 02.png, 05.png: remove these views" in said
+    assert "under poses of their own: 06.png of 03.png: give each" in said
+
+
+def test_where_no_test_view_is_left_it_is_said_that_others_are_held_out(
+    tmp_path, capsys
+):
+    write_blender(tmp_path, surrounding_world(6), test=(0, 1))
+    for name, is_all in (("00.png", False), ("01.png", True)):
+        (tmp_path / "low" / name).unlink()
+        files = read_files(tmp_path, "auto", "")
+        assert (files.test_names is None) == is_all
+        said = capsys.readouterr().out
+        assert ("none is left, so others are held out" in said) == is_all

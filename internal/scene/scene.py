@@ -51,10 +51,12 @@ from internal.scene.loading import (
 )
 from internal.scene.masks import Mask, everything, load_masks, masked_share, report
 from internal.scene.noise import Noise, noise_of_files
+from internal.scene.pairing import some
 from internal.scene.readers.base import SceneFiles
 
 # LOM's dark pictures average 0.05 to 0.1 in sRGB, their normal-light twins 0.5.
 BRIGHT_MEAN = 0.35
+EVERY = 8  # row and column of a photo are compared: no two shots have equal noise
 SPLITS = ("train", "test")
 FindPoints = Callable[[SceneFiles, Sequence[int]], Float[np.ndarray, "m 3"]]
 
@@ -156,6 +158,7 @@ def load_scene(
             f"{scene.image_paths[0].parent}: all {len(scene.images)} photos are black, "
             "without a pixel above 0: there is no light to bring out"
         )
+    _warn_of_copies(scene)
     if not config.images_dir:  # else the user chose: LLE + NeRF chooses bright photos
         _warn_of_normal_light(scene)
         _warn_of_dark_truth(scene)
@@ -346,4 +349,25 @@ def _warn_of_dark_truth(scene: Scene) -> None:
             f"WARNING: the truth is no brighter than the photos ({truth / 257:.1f} and "
             f"{photos / 257:.1f} of 255, mean): point Config.gt_dir at the "
             "normal-light twins, or scores are of something else"
+        )
+
+
+def _warn_of_copies(scene: Scene) -> None:
+    """Names photos that are black, and copies of one photo under several poses."""
+    black, copies, first = [], [], {}
+    for view, image in enumerate(scene.images):
+        name = scene.view_names[view]
+        looked_at = np.ascontiguousarray(image[::EVERY, ::EVERY]).tobytes()
+        original = first.setdefault(looked_at, name)
+        if any(looked_at):
+            copies += [f"{name} of {original}"] * (original != name)
+        elif scene.mask(view).any() and not image.any():
+            black.append(name)
+    folder = scene.image_paths[0].parent
+    if black:
+        print(f"WARNING: {folder}: all black: {some(black)}: remove these views")
+    if copies:
+        print(
+            f"WARNING: {folder}: copies of other photos, under poses of their own: "
+            f"{some(copies)}: give each pose its photo"
         )

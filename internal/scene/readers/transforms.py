@@ -368,9 +368,11 @@ def _with_pictures(frames: Sequence[_Frame], folders: _Folders) -> list[_Frame]:
     ]
     if missing:
         shown = ", ".join(frame.image_path.name for frame in missing[:3])
+        is_all = len(missing) == sum(frame.is_test for frame in frames)
+        instead = "; none is left, so others are held out" if is_all else ""
         print(
             f"WARNING: {missing[0].json_path}: {len(missing)} test views have no photo "
-            f"here ({shown}, ...); they are left out"
+            f"here ({shown}, ...); they are left out{instead}"
         )
     return [frame for frame in frames if frame not in missing]
 
