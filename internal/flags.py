@@ -9,6 +9,7 @@ is not given is left out of the result, or None.
 import argparse
 import ast
 import contextlib
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -303,19 +304,23 @@ def check_named(args: argparse.Namespace) -> None:
     if scene:
         check_scene(Path(scene))
     run = _bound_text("Config.checkpoint_dir", bindings)
-    if run and getattr(args, "trained", False) and not Path(run).is_dir():
+    if run and getattr(args, "trained", False) and not os.path.isdir(run):
         raise no_checkpoint(run)
 
 
 def check_gin_file(file: str) -> None:
     """Raises a UserError for a gin file that is not there."""
-    if not Path(file).is_file():
+    if not os.path.isfile(file):
         raise UserError(f"{file}: no such gin file; see configs/")
 
 
 def check_scene(folder: Path) -> None:
     """Raises a UserError for a scene that is not there."""
-    if not folder.is_dir():
+    if os.path.isfile(folder):
+        raise UserError(
+            f"{folder}: a file; expected the folder of a scene: name the one it is in"
+        )
+    if not os.path.isdir(folder):
         raise UserError(f"{folder}: scene folder not found; check Config.data_dir")
 
 

@@ -6,6 +6,8 @@ help and wrong flags are then answered at once.
 """
 
 import argparse
+import errno
+import io
 import os
 import shlex
 import signal
@@ -34,7 +36,10 @@ def begin(parser: argparse.ArgumentParser, *, computes: bool = True) -> None:
 
 def run(main: Callable[[Sequence[str]], int]) -> None:
     """Runs ``main(argv)`` and exits: one line and code 2 for a ``UserError`` and where
-    memory does not suffice."""
+    memory does not suffice or a name is too long. Letters that the output cannot
+    take are escaped."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         code = main(sys.argv[1:])
     except UserError as error:
@@ -46,6 +51,10 @@ def run(main: Callable[[Sequence[str]], int]) -> None:
             f"memory does not suffice ({one_line(error)}); lower Train.batch_size to "
             "train, Render.chunk to render, or shrink the photos with Config.factor"
         )
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        code = _failed(f"{error.filename}: {error.strerror}; give a shorter path")
     except Diverged as error:
         code = _failed(error, FAILURE_EXIT)
     except KeyboardInterrupt:

@@ -55,6 +55,26 @@ def test_a_script_prints_one_line_and_exits_with_two():
     assert result.stdout.startswith("devices: ")
 
 
+def test_letters_that_the_output_cannot_take_are_escaped(monkeypatch, capsys):
+    def main(_):
+        print("photo caf\udce9.jpg")
+        raise UserError("error")
+
+    assert exit_code(main, [], monkeypatch) == 2
+    assert capsys.readouterr().out == "photo caf\\udce9.jpg\n"
+
+
+def test_a_name_that_no_disk_takes_is_one_line(monkeypatch, capsys):
+    long = "x" * 300
+    code = exit_code(lambda _: (Path(long) / "y").is_file(), [], monkeypatch)
+    assert code == 2
+    assert (
+        f"{long}/y: File name too long; give a shorter path" in capsys.readouterr().err
+    )
+    with pytest.raises(UserError, match="scene folder not found"):
+        flags_of.check_scene(Path(long))
+
+
 @pytest.mark.parametrize(
     "program", [train_script, eval_script, render_script, view_script, export_script]
 )

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A picture file is read right, or refused in one line that names it."""
 
+import os
 import resource
 import struct
 import zlib
@@ -12,7 +13,7 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
-from internal import extras
+from internal import color, extras
 from internal.errors import UserError
 from internal.files import color_profile, image_io
 from tests.icc_writer import rgb_profile
@@ -123,6 +124,32 @@ def test_alpha_uncovers_black(tmp_path):
     np.testing.assert_allclose(read * 255.0, LEVELS * 0.2, atol=1e-3)
 
 
+@pytest.mark.parametrize("name", ["a.png", "a.tif", "a.exr"])
+def test_alpha_is_applied_once_whatever_a_format_multiplies_by_it(tmp_path, name):
+    """Grey 0.8 of alpha 0.5, which the library takes as 0.4: of TIFF and EXR it stores
+    that, of PNG 0.8."""
+    pixels = np.full((3, 4, 4), (0.4, 0.4, 0.4, 0.5), np.float32)
+    grey = 0.8 if name != "a.exr" else color.linear_to_srgb(0.8)
+    kind = {"format": "float" if name == "a.exr" else "uint8"}
+    read = image_io.read_srgb(oiio_file(tmp_path / name, pixels, **kind))
+    np.testing.assert_allclose(read, 0.5 * grey, atol=0.005)
+
+
+@pytest.mark.parametrize("name", ["a.bmp", "a.tga"])
+def test_a_fourth_channel_that_is_never_set_is_no_alpha(tmp_path, name):
+    unset = np.dstack([LEVELS, np.zeros(LEVELS.shape[:2], np.uint8)])
+    path = saved(tmp_path / name, Image.fromarray(unset))
+    np.testing.assert_allclose(image_io.read_srgb(path) * 255.0, LEVELS, atol=1e-3)
+    assert not image_io.has_alpha(path) or image_io.read_alpha(path).min() == 1.0
+
+
+def test_a_name_that_is_no_text_is_refused(tmp_path):
+    path = saved(tmp_path / "a.png").rename(tmp_path / os.fsdecode(b"caf\xe9.png"))
+    for read in (image_io.read_srgb, image_io.read_size, image_io.is_turned):
+        with pytest.raises(UserError, match="not UTF-8; rename it"):
+            read(path)
+
+
 def test_sixteen_bits_stay(tmp_path):
     values = np.linspace(0.0, 0.01, 60, dtype=np.float32).reshape(4, 5, 3)
     image_io.write(tmp_path / "a.png", values, bits=16)
@@ -139,6 +166,7 @@ def test_a_name_with_the_wrong_ending_is_read_by_its_content(tmp_path):
 
 def oiio_file(path, values, **attributes):
     buffer = oiio.ImageBuf(np.ascontiguousarray(values))
+    buffer.set_write_format(attributes.pop("format", "float"))
     for key, value in attributes.items():
         buffer.specmod()[key] = value
     assert buffer.write(str(path))

@@ -51,6 +51,20 @@ def test_every_ending_that_is_read_is_listed(tmp_path, ending):
     assert listing.list_pictures(tmp_path) == (f"1.{ending}",)
 
 
+def test_a_name_that_is_no_text_is_left_out_in_letters_that_are(tmp_path, capsys):
+    fill(
+        tmp_path,
+        "1.jpg",
+        "a\nb.jpg",
+        os.fsdecode(b"caf\xe9.jpg"),
+        os.fsdecode(b"\xfc/2.jpg"),
+    )
+    assert listing.list_pictures(tmp_path) == ("1.jpg",)
+    said = capsys.readouterr().out
+    assert "a\\nb.jpg (a line break in its name" in said
+    assert "\\udcfc/2.jpg, caf\\udce9.jpg (its name or a folder's is not UTF-8" in said
+
+
 def test_pictures_left_out_are_named_with_the_reason_once(
     tmp_path, capsys, monkeypatch
 ):

@@ -233,6 +233,14 @@ def test_masks_that_look_inverted_are_warned_about(tmp_path, capsys):
     assert "WARNING: masks cover more than half" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("name", ["mask", "Masks", "image_masks", "images-mask"])
+def test_a_folder_that_is_nearly_called_masks_is_named(tmp_path, name, capsys):
+    write_nerfstudio(tmp_path, WORLD)
+    write_mask(tmp_path / name / "01.png")
+    assert load(tmp_path).masks == ()
+    assert f"{name}: not read; masks are read from a folder" in capsys.readouterr().out
+
+
 def test_names_of_masks():
     names = ["a.jpg", "b.jpg", "c.1.jpg", "d.jpg", "d.png", "left/e.JPG", "é.jpg"]
     listed = ["a.png", "b.jpg.png", "c.1.png", "d.jpg.png", "left/e.jpg.png"]

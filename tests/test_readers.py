@@ -137,6 +137,22 @@ def test_rows_without_names_pair_by_order_and_it_is_printed(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
+    "pattern, words", [("{}", ", as text: 1.png, 10.png"), ("{:02}", "")]
+)
+def test_the_order_of_text_is_shown_where_numbers_have_another(
+    pattern, words, tmp_path, capsys
+):
+    world = facing_world(11)
+    names = [f"{pattern.format(view)}.png" for view in range(1, 12)]
+    write_pictures(tmp_path / "images", names)
+    np.save(tmp_path / "poses_bounds.npy", llff_rows(world, (2.0, 7.0)))
+    assert list(read(tmp_path).names) == sorted(names)
+    said = capsys.readouterr().out
+    assert "as text" in said if words else "as text" not in said
+    assert words in said
+
+
+@pytest.mark.parametrize(
     "listed",
     [
         "images/{n}.JPG",

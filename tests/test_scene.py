@@ -476,6 +476,44 @@ class TestPictures:
         assert image.shape == (18, 24, 3)
         assert image[:, :10].max() < 3 * 257 and image[:, 14:].min() > 37 * 257
 
+    @pytest.mark.parametrize(
+        ("orientation", "size", "stated", "is_said"),
+        [
+            (1, (24, 18), {}, False),
+            (3, (24, 18), {"w": 24, "h": 18}, True),
+            (6, (18, 24), {"w": 24, "h": 18}, False),
+            (6, (18, 24), {}, True),
+        ],
+    )
+    def test_an_orientation_that_no_size_tells_is_said(
+        self, tmp_path, capsys, orientation, size, stated, is_said
+    ):
+        write_nerfstudio(tmp_path, WORLD)
+
+        def change(content):
+            for key in ("w", "h"):
+                del content[key]
+            content.update(stated)
+
+        edit_json(tmp_path / "transforms.json", change)
+        buffer = oiio.ImageBuf(np.ascontiguousarray(flat_picture(40.0, *size)))
+        buffer.specmod()["Orientation"] = orientation
+        (tmp_path / "images" / "00.png").unlink()
+        assert buffer.write(str(tmp_path / "images" / "00.jpg"))
+        load(tmp_path)
+        said = "like 1 of 6 photos; no stated size tells" in capsys.readouterr().out
+        assert said == is_said
+
+    def test_one_photo_whose_size_tells_speaks_for_all(self, tmp_path, capsys):
+        write_nerfstudio(tmp_path, WORLD)
+        for name, orientation, size in (("00", 6, (18, 24)), ("01", 3, (24, 18))):
+            buffer = oiio.ImageBuf(np.ascontiguousarray(flat_picture(40.0, *size)))
+            buffer.specmod()["Orientation"] = orientation
+            (tmp_path / "images" / f"{name}.png").unlink()
+            assert buffer.write(str(tmp_path / "images" / f"{name}.jpg"))
+        assert load(tmp_path).upright
+        assert "no stated size tells" not in capsys.readouterr().out
+
     def test_alpha_is_composited_onto_black(self, tmp_path):
         write_llff(tmp_path, WORLD)
         rgba = np.concatenate([flat_picture(100.0), flat_picture(0.0)[..., :1]], -1)

@@ -32,6 +32,10 @@ WRITTEN = frozenset(".png .jpg .jpeg .jpe .jfif .tif .tiff .bmp".split())
 # Their values are light, not sRGB.
 LINEAR_EXTENSIONS = frozenset([".exr", ".hdr"])
 LINEAR_FORMATS = ("openexr", "hdr")
+# Their colours are multiplied by alpha, unless the file says that they are not.
+ASSOCIATED_FORMATS = ("tiff", "openexr")
+# Many a writer leaves their fourth channel at 0 and means nothing by it.
+UNSET_FORMATS = ("bmp", "targa")
 FLOATS = ("float", "half", "double")
 COLOR_KEYS = ("jpeg:ColorSpace", "tiff:ColorSpace")
 PRINT_COLORS = ("CMYK", "YCCK", "CIELAB", "ICCLAB", "ITULAB")
@@ -64,6 +68,29 @@ class Exif:
 def is_image(path: Path) -> bool:
     """Whether the name ends like an image this module reads (RAW does not)."""
     return path.suffix.lower() in EXTENSIONS
+
+
+def has_utf8(path: Path) -> bool:
+    """Whether the path is a text: what old archives unpack may have names that no
+    library of pictures opens."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def is_turned(path: Path) -> bool:
+    """Whether the EXIF orientation says that the stored pixels are not upright.
+
+    Raises:
+        UserError: as ``read_srgb``, as far as the header tells.
+    """
+    _check_kind(path)
+    if heif.is_heif(path):
+        return False
+    with _open(path) as file:
+        return _orientation(file.spec()) != 1
 
 
 def read_srgb(path: Path, upright: bool = True) -> Float[np.ndarray, "height width 3"]:
@@ -259,7 +286,8 @@ def _raise_no_font(reason: str) -> None:
 def _read(
     path: Path,
 ) -> tuple[Float[np.ndarray, "height width channels"], Encoding | None, int]:
-    """Pixels as stored with alpha last, what they mean, and how they are turned."""
+    """Pixels as stored, with alpha last, by which colours are not multiplied; what they
+    mean; and how they are turned."""
     _check_kind(path)
     if heif.is_heif(path):
         photo = heif.read(path)
@@ -270,8 +298,9 @@ def _read(
         pixels = file.read_image(0, 0, 0, spec.nchannels, oiio.FLOAT)
         # What libjpeg only warns about leaves rows grey: it counts as an error.
         error = file.geterror()
-        encoding = _stated_encoding(path, file.format_name(), spec)
-        has_end = END_CHECKS.get(file.format_name(), lambda _: True)
+        kind = file.format_name()
+        encoding = _stated_encoding(path, kind, spec)
+        has_end = END_CHECKS.get(kind, lambda _: True)
         if not error and not has_end(path.read_bytes()):
             error = "its end is missing"
     if pixels is None or error:
@@ -279,7 +308,22 @@ def _read(
     pixels = np.asarray(pixels, np.float32)[..., _used_channels(spec)]
     if not np.isfinite(pixels).all():
         raise UserError(f"{path}: has pixels that are not numbers; write it again")
+    if _alpha_channel(spec) >= 0:
+        pixels = _with_plain_alpha(pixels, kind, spec)
     return pixels, encoding, _orientation(spec)
+
+
+def _with_plain_alpha(
+    pixels: Float[np.ndarray, "height width channels"], kind: str, spec: oiio.ImageSpec
+) -> Float[np.ndarray, "height width channels"]:
+    """Pixels whose colours are not multiplied by their alpha, the last channel."""
+    colors, alpha = pixels[..., :-1], pixels[..., -1:]
+    if kind in UNSET_FORMATS and not alpha.any():
+        alpha = np.ones_like(alpha)
+    is_straight = spec.get_int_attribute("oiio:UnassociatedAlpha")
+    if kind in ASSOCIATED_FORMATS and not is_straight:
+        colors = colors / np.where(alpha > 0.0, alpha, 1.0)
+    return np.concatenate([colors, alpha], axis=-1)
 
 
 def _check_kind(path: Path) -> None:
@@ -290,6 +334,8 @@ def _check_kind(path: Path) -> None:
         )
     if not path.is_file():
         raise UserError(f"{path}: image not found; check the path in the scene file")
+    if not has_utf8(path):
+        raise UserError(f"{path}: its name or a folder's is not UTF-8; rename it")
     try:
         with path.open("rb") as file:
             is_empty = not file.read(1)

@@ -13,6 +13,7 @@ and pose files write the same letter in one or in two characters.
 import contextlib
 import dataclasses
 import functools
+import os
 import unicodedata
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
@@ -69,16 +70,27 @@ def composed(name: str) -> str:
     return unicodedata.normalize("NFC", name)
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is such a file: no, and no error, also for a name that files are
+    asked for but that no disk takes."""
+    return os.path.isfile(path)
+
+
 def find_file(path: Path) -> Path:
     """The path, or the one there that differs only in Unicode's form; else itself."""
-    if path.exists() or path.parent == path:
+    if os.path.exists(path):
         return path
-    parent = find_file(path.parent)
-    if parent.is_dir():
-        for other in sorted(parent.iterdir()):
-            if composed(other.name) == composed(path.name):
-                return other
-    return parent / path.name
+    found = Path()
+    for place, part in enumerate(path.parts):
+        if not os.path.exists(found / part):
+            has_forms = not part.isascii() and os.path.isdir(found)
+            beside = sorted(found.iterdir()) if has_forms else []
+            alike = [x for x in beside if composed(x.name) == composed(part)]
+            if not alike:
+                return found.joinpath(*path.parts[place:])
+            part = alike[0].name
+        found /= part
+    return found
 
 
 def list_files(folder: Path) -> Iterator[Path]:
@@ -118,6 +130,12 @@ def find_pictures(folder: Path) -> Listing:
         inside = path.relative_to(folder)
         name = inside.as_posix()
         reason = _why_not(path)
+        if not image_io.has_utf8(inside):
+            reason = "its name or a folder's is not UTF-8; rename it"
+            name = name.encode(errors="backslashreplace").decode()
+        elif "\n" in name or "\r" in name:
+            reason = "a line break in its name; rename it"
+            name = repr(name)[1:-1]
         if not reason and SET_ASIDE.intersection(map(str.casefold, inside.parts[:-1])):
             reason = "in a folder of thumbnails or waste"
         if reason:

@@ -31,6 +31,7 @@ pycolmap.logging.minloglevel = 3
 MODEL_ROOTS = ("sparse", "colmap_sparse", "colmap/sparse")
 # Beyond this angle from the axis, depth is no measure of distance along a ray.
 WIDEST_DEPTH_ANGLE = math.radians(84.0)
+SHORTEST = 1 / 20  # of a picture's side: 169 degrees, or a focal length not in pixels
 ROUND_TRIP_TOLERANCE = 0.05  # pixels
 OPENGL_FROM_OPENCV = np.array([1.0, -1.0, -1.0])
 
@@ -302,6 +303,11 @@ def _camera(lens: Lens) -> pycolmap.Camera:
         )
     if min(lens.width, lens.height) <= 0:
         raise UserError(f"{described}: empty picture {lens.width}x{lens.height}")
+    if max(lens.width, lens.height) > colmap_files.LARGEST_SIDE:
+        raise UserError(
+            f"{described}: a picture of {lens.width}x{lens.height}; expected at most "
+            f"{colmap_files.LARGEST_SIDE} pixels a side"
+        )
     return camera
 
 

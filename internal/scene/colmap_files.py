@@ -21,6 +21,7 @@ from jaxtyping import Float, UInt8
 
 from internal.cameras import Lens
 from internal.errors import UserError
+from internal.files.listing import say_once
 
 PARTS = ("cameras", "images", "points3D")
 ENDINGS = (".bin", ".txt")  # binary first, as COLMAP prefers it
@@ -65,10 +66,16 @@ class _Corrupt(Exception):
 
 def model_ending(folder: Path) -> str:
     """Whether the model in a folder is ".bin" or ".txt"; "" where it is not whole."""
-    for ending in ENDINGS:
-        if all((folder / f"{part}{ending}").is_file() for part in PARTS):
-            return ending
-    return ""
+    return next(iter(_endings(folder)), "")
+
+
+def _endings(folder: Path) -> list[str]:
+    """Those of ``ENDINGS`` in which a folder holds a whole model."""
+    return [
+        ending
+        for ending in ENDINGS
+        if all((folder / f"{part}{ending}").is_file() for part in PARTS)
+    ]
 
 
 def read_files(folder: Path) -> Model:
@@ -83,6 +90,11 @@ def read_files(folder: Path) -> Model:
         raise UserError(
             f"{folder}: not a readable COLMAP model (a file is missing); expected "
             "cameras, images and points3D, all .bin or all .txt: export it again"
+        )
+    if len(_endings(folder)) > 1:
+        say_once(
+            f"{folder}: holds a model in {ending} and one in {ENDINGS[1]}: {ending} is "
+            "read; remove its files if the others are newer"
         )
     lenses = _read(folder / f"cameras{ending}", _camera_bin, _camera_txt)
     cameras = dict(lenses)
@@ -244,9 +256,13 @@ def _image_txt(lines: _Lines) -> Image:
     if len(pose) != 7:
         raise ValueError("expected a number, a pose of seven numbers, a camera, a name")
     observed = lines.take().split()
-    if len(observed) % 3:
+    if len(observed) % 3 or (observed and not _is_number(observed[-1])):
         raise ValueError("no line of x, y and point of what it observes follows")
     return _image(name, int(camera), [float(value) for value in pose])
+
+
+def _is_number(text: str) -> bool:
+    return text.removeprefix("-").isdecimal()
 
 
 def _point_txt(lines: _Lines) -> tuple[float, ...]:

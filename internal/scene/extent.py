@@ -15,6 +15,7 @@ from internal import poses
 from internal.cameras import Lens
 from internal.coord import ForwardFacing, Space, Unbounded
 from internal.errors import UserError
+from internal.files.listing import say_once
 from internal.scene import colmap
 from internal.scene.readers.base import SceneFiles
 
@@ -23,6 +24,7 @@ from internal.scene.readers.base import SceneFiles
 DEPTH_PERCENTILES = (1.0, 99.0)
 DEPTH_MARGIN = 1.1
 FEWEST_POINTS = 8  # per view: fewer say nothing about its depth range
+SEEING = 0.5  # of the views; where fewer see points, these are others'
 PROJECTIONS = ("auto", "ndc", "contract")
 
 GUESSED_NEAR, GUESSED_FAR = 0.1, 50.0  # of the distance to what cameras look at
@@ -153,6 +155,13 @@ def _bounds_from_points(
         )
         if len(distances) >= FEWEST_POINTS:
             ranges.append(np.percentile(distances, DEPTH_PERCENTILES))
+    views = int(is_train.sum())
+    if len(files.points) >= FEWEST_POINTS and len(ranges) < SEEING * views:
+        say_once(
+            f"WARNING: {files.pose_paths[0]}: {views - len(ranges)} of {views} cameras "
+            f"see fewer than {FEWEST_POINTS} of {len(files.points)} "
+            f"{files.points_source}: these and the poses hardly belong together"
+        )
     if not ranges:
         return None
     nears, fars = np.transpose(ranges)

@@ -6,6 +6,7 @@ Pictures are read as float sRGB in [0, 1] and returned as uint16, 65535 being 1.
 
 import dataclasses
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -25,6 +26,9 @@ from internal.scene.unround import is_rounded, unround
 
 ROTATION_TOLERANCE = 1e-2  # hand-written JSON drifts; a mirror or a scale does not pass
 SAME_PLACE = 1e-6  # of the coordinates; single precision holds no less
+ALIKE = 0.05  # of a picture's sides
+FAR_FROM_MIDDLE = 0.15  # likewise: farther in both axes alike is another size
+STRAY = 100.0  # times the distance of half of the cameras
 GAINS_FILE = "exposures.json"  # written by prepare.py
 BRIGHTER = 4.0  # times the light of dark photos: exposures of one series differ less
 LOOKED_AT = 3  # photos of each
@@ -73,19 +77,75 @@ def warn_of_one_place(files: SceneFiles) -> None:
         )
 
 
+def warn_of_strays(files: SceneFiles) -> None:
+    """Names cameras so far from all others that their poses are a mistake: the scene
+    is scaled to hold them, and the others come to stand at one place in it."""
+    centres = files.camtoworlds[:, :, 3]
+    apart = np.abs(centres - np.median(centres, axis=0)).max(axis=-1)
+    strays = np.flatnonzero(apart > STRAY * np.median(apart)) if apart.any() else []
+    names = [files.names[view] for view in strays]
+    if names and np.median(apart) > 0.0:
+        say_once(
+            f"WARNING: {files.pose_paths[strays[0]]}: {some(names)}: more than "
+            f"{STRAY:g} times as far from the middle of the cameras as half of them; "
+            "if these poses are a mistake, remove their views"
+        )
+
+
+def warn_of_leaks(files: SceneFiles, is_test: Bool[np.ndarray, " n"]) -> None:
+    """Names test views that were taken from the very pose of a training view: copies
+    of its photo, of which scores tell nothing."""
+    trained = {pose.tobytes() for pose in files.camtoworlds[~is_test]}
+    leaks = [
+        files.names[view]
+        for view in np.flatnonzero(is_test)
+        if files.camtoworlds[view].tobytes() in trained
+    ]
+    if leaks:
+        say_once(
+            f"WARNING: {files.pose_paths[0]}: {len(leaks)} of {is_test.sum()} test "
+            f"views have the very pose of a training view: {some(leaks)}; scores of "
+            "copies of training photos tell nothing"
+        )
+
+
 def check_lenses(files: SceneFiles) -> None:
-    """Refuses lenses that COLMAP's models do not describe.
+    """Refuses lenses that COLMAP's models do not describe, or not in pixels.
 
     Raises:
         UserError: naming the first bad lens's file and view.
     """
     first_view = {lens: i for i, lens in reversed(list(enumerate(files.lenses)))}
     for lens, view in first_view.items():
+        where = f"{files.pose_paths[view]}: {files.names[view]}"
         try:
-            colmap.half_angle(lens)
+            is_panorama = colmap.half_angle(lens) == math.pi
         except UserError as error:
-            where = f"{files.pose_paths[view]}: {files.names[view]}"
             raise UserError(f"{where}: {error}") from error
+        if not is_panorama:
+            _check_pixels(colmap.pinhole(lens), where)
+
+
+def _check_pixels(pinhole: Lens, where: str) -> None:
+    """Refuses a focal length and a principal point that are in no pixels; warns of
+    those that are in the pixels of a picture of another size."""
+    fx, fy, cx, cy = pinhole.params
+    size = pinhole.width, pinhole.height
+    stated = f"{where}: focal length {fx:g}, {fy:g} and principal point {cx:g}, {cy:g}"
+    across, down = cx / size[0], cy / size[1]
+    if (
+        min(fx / size[0], fy / size[1]) < colmap.SHORTEST
+        or not 0.0 < min(across, down) <= max(across, down) < 1.0
+    ):
+        raise UserError(
+            f"{stated} of {size[0]}x{size[1]} pixels; expected pixels, and a principal "
+            "point inside the picture"
+        )
+    if abs(across - down) < ALIKE and abs(across - 0.5) > FAR_FROM_MIDDLE:
+        say_once(
+            f"WARNING: {stated} are those of {2 * cx:.0f}x{2 * cy:.0f} pixels rather "
+            f"than of {size[0]}x{size[1]}: expected pixels of the stated size"
+        )
 
 
 def check_sides(files: SceneFiles) -> None:
@@ -234,7 +294,7 @@ def load_gains(
             own = [name for name in stored if photo.endswith(f"/{name}")]
             rows.append(stored[max(own, key=len)])
         gains = np.array(rows, np.float32)
-    except (ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise UserError(
             f"{path}: no gain for every photo ({error!r}); run prepare.py again, "
             "delete the file, or set Config.photo_gains = False"
@@ -277,8 +337,11 @@ def load_truth(
 
 
 def _has_shape(width: int, height: int, lens: Lens) -> bool:
-    stretch = (width * lens.height) / (height * lens.width)
-    return abs(stretch - 1.0) <= ASPECT_TOLERANCE
+    """Whether a picture shows what its lens does: not one that was cropped, which is
+    of another shape by more than a pixel of the smaller of the two sizes."""
+    across, down = width * lens.height, height * lens.width
+    pixel = max(width + height, lens.width + lens.height)
+    return abs(across / down - 1.0) <= ASPECT_TOLERANCE and abs(across - down) <= pixel
 
 
 def _fit(

@@ -21,6 +21,7 @@ from internal.files.listing import (
 from internal.scene.pairing import match_by_name
 
 FOLDER = "masks"
+ALIKE = re.compile(r"(images?[ _-]?)?masks?|masks?[ _-]images?")
 SHOWN = 10  # names in a message
 
 
@@ -43,10 +44,22 @@ def find_masks(
     inside = folder.is_relative_to(data_dir)
     own = folder.relative_to(data_dir) if inside else Path("images")
     places = [_place(data_dir, own / name) for name in names]
+    if not any(masks for masks, _ in places):
+        _name_alike(data_dir)
     found: dict[Path, dict[str, Path]] = {}
     for masks in dict.fromkeys(masks for masks, _ in places if masks):
         found[masks] = pair_masks([n for m, n in places if m == masks], masks)
     return tuple(found[m].get(name) if m else None for m, name in places)
+
+
+def _name_alike(data_dir: Path) -> None:
+    """Says of folders called nearly so that they are not read."""
+    for path in sorted(data_dir.iterdir()):
+        if ALIKE.fullmatch(path.name.casefold()) and path.is_dir():
+            say_once(
+                f"WARNING: {path}: not read; masks are read from a folder called "
+                f"{FOLDER}: rename it if these are masks"
+            )
 
 
 def pair_masks(names: Sequence[str], folder: Path) -> dict[str, Path]:

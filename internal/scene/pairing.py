@@ -197,6 +197,11 @@ def _pair_some(
     }
 
 
+def counts_up(names: Sequence[str]) -> bool:
+    """Whether names in the order of text are in that of their numbers too."""
+    return sorted(names) == sorted(names, key=_natural)
+
+
 def some(names: Sequence[str]) -> str:
     """The names, as many as fit into a message."""
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
@@ -228,7 +233,8 @@ def _pair_by_key(
 
 
 def _stem(name: str) -> str:
-    return PurePosixPath(name).with_suffix("").as_posix()
+    path = PurePosixPath(name)
+    return (path.with_suffix("") if path.name else path).as_posix()
 
 
 def _folded(name: str) -> str:

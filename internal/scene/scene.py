@@ -45,14 +45,18 @@ from internal.scene.loading import (
     load_gains,
     load_picture,
     load_truth,
+    warn_of_leaks,
     warn_of_one_place,
+    warn_of_strays,
 )
 from internal.scene.masks import Mask, everything, load_masks, masked_share, report
 from internal.scene.noise import Noise, noise_of_files
+from internal.scene.pairing import some
 from internal.scene.readers.base import SceneFiles
 
 # LOM's dark pictures average 0.05 to 0.1 in sRGB, their normal-light twins 0.5.
 BRIGHT_MEAN = 0.35
+EVERY = 8  # row and column of a photo are compared: no two shots have equal noise
 SPLITS = ("train", "test")
 FindPoints = Callable[[SceneFiles, Sequence[int]], Float[np.ndarray, "m 3"]]
 
@@ -154,8 +158,10 @@ def load_scene(
             f"{scene.image_paths[0].parent}: all {len(scene.images)} photos are black, "
             "without a pixel above 0: there is no light to bring out"
         )
+    _warn_of_copies(scene)
     if not config.images_dir:  # else the user chose: LLE + NeRF chooses bright photos
         _warn_of_normal_light(scene)
+        _warn_of_dark_truth(scene)
     return scene
 
 
@@ -171,8 +177,10 @@ def _lay_out(
     check_lenses(files)
     check_sides(files)
     warn_of_one_place(files)
+    warn_of_strays(files)
     lenses = fit_lenses(files, config.factor)
     is_test = held_out(files, config.holdout)
+    warn_of_leaks(files, is_test)
     trained = int((~is_test).sum())
     if trained < 2:
         raise UserError(
@@ -327,4 +335,39 @@ def _warn_of_normal_light(scene: Scene) -> None:
             f"WARNING: this does not look like a low-light scene: mean brightness "
             f"{255 * scene.brightness:.0f} of 255. The enhancement is made for dark "
             "photos; give the dark folder with Config.images_dir"
+        )
+
+
+def _warn_of_dark_truth(scene: Scene) -> None:
+    """Says so if truth has no more light than the photos: it is a folder of these."""
+    if not (scene.images and scene.truth):
+        return
+    photos = np.mean([scene.images[view].mean() for view in scene.truth])
+    truth = np.mean([picture.mean() for picture in scene.truth.values()])
+    if truth <= photos:
+        print(
+            f"WARNING: the truth is no brighter than the photos ({truth / 257:.1f} and "
+            f"{photos / 257:.1f} of 255, mean): point Config.gt_dir at the "
+            "normal-light twins, or scores are of something else"
+        )
+
+
+def _warn_of_copies(scene: Scene) -> None:
+    """Names photos that are black, and copies of one photo under several poses."""
+    black, copies, first = [], [], {}
+    for view, image in enumerate(scene.images):
+        name = scene.view_names[view]
+        looked_at = np.ascontiguousarray(image[::EVERY, ::EVERY]).tobytes()
+        original = first.setdefault(looked_at, name)
+        if any(looked_at):
+            copies += [f"{name} of {original}"] * (original != name)
+        elif scene.mask(view).any() and not image.any():
+            black.append(name)
+    folder = scene.image_paths[0].parent
+    if black:
+        print(f"WARNING: {folder}: all black: {some(black)}: remove these views")
+    if copies:
+        print(
+            f"WARNING: {folder}: copies of other photos, under poses of their own: "
+            f"{some(copies)}: give each pose its photo"
         )

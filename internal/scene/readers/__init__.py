@@ -53,8 +53,16 @@ def read_files(
     looked_for = "; ".join(f"{r.name}: {r.looked_for}" for r in asked)
     raise UserError(
         f"{data_dir}: no scene found. Looked for {looked_for}. "
-        f"The folder contains {_contents(data_dir)}"
+        f"The folder contains {_contents(data_dir)}{_above(data_dir, asked)}"
     )
+
+
+def _above(folder: Path, asked: list[Reader]) -> str:
+    """Where the scene is, if a folder of one was named."""
+    for parent in list(folder.resolve().parents)[:2]:
+        if any(reader.matches(parent) for reader in asked):
+            return f"; the scene is {parent}"
+    return ""
 
 
 def _contents(folder: Path) -> str:

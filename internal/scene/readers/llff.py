@@ -8,6 +8,7 @@ belongs to the i-th picture in order of names: the file names none, so their ord
 what pairs them, and it is printed.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,15 @@ from jaxtyping import Float
 from internal.cameras import Lens
 from internal.errors import UserError, one_line
 from internal.files.listing import list_pictures, say_once
+from internal.poses import fit_similarity
+from internal.scene import colmap
 from internal.scene.mask_files import find_masks
-from internal.scene.pairing import find_input_folder
+from internal.scene.pairing import counts_up, find_input_folder, match_by_name
 from internal.scene.readers.base import Reader, SceneFiles
 
 POSES_FILE = "poses_bounds.npy"
+FEWEST_COMPARED = 4  # fewer cameras fit nearly always
+WORST_FIT = 0.05  # of the spread of the camera centres
 LARGEST_NUMBER = 1e9  # pixels or units: beyond, it is a mistake
 
 
@@ -45,24 +50,56 @@ def read(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles:
             "poses belong to pictures by sorted order, so the counts must agree: "
             "remove the pictures that have no pose"
         )
+    as_text = "" if counts_up(names) else f", as text: {', '.join(names[:3])}, ..."
     say_once(
         f"{poses_path}: its {len(rows)} poses carry no names: they are paired by order "
-        f"with the pictures of {folder}, from {names[0]} to {names[-1]}"
+        f"with the pictures of {folder}, from {names[0]} to {names[-1]}{as_text}"
     )
     matrices = rows[:, :15].reshape(-1, 3, 5)
+    camtoworlds = _opengl_from_llff(matrices[:, :, :4])
+    _compare_with_model(data_dir, names, camtoworlds)
     return SceneFiles(
         format=LLFF.name,
         names=names,
         pose_paths=(poses_path,) * len(names),
         image_paths=tuple(folder / name for name in names),
         lenses=tuple(_lens(*map(float, hwf)) for hwf in matrices[:, :, 4]),
-        camtoworlds=_opengl_from_llff(matrices[:, :, :4]),
+        camtoworlds=camtoworlds,
         points=np.empty((0, 3)),
         bounds=rows[:, 15:],
         test_names=None,
         mask_paths=find_masks(data_dir, folder, names),
         upright=False,
     )
+
+
+def _compare_with_model(
+    data_dir: Path, names: Sequence[str], camtoworlds: Float[np.ndarray, "n 3 4"]
+) -> None:
+    """Says so where a COLMAP model beside the file, which has names, places the photos
+    elsewhere than the rows in their order."""
+    try:
+        folder = colmap.find_model(data_dir)
+        model = colmap.read_model(folder) if folder else None
+    except UserError:  # it is not what is read
+        return
+    if model is None or not np.isfinite(camtoworlds).all():
+        return
+    found = match_by_name(names, model.names)
+    if len(found) < FEWEST_COMPARED:
+        return
+    ours = camtoworlds[[names.index(name) for name in found], :, 3]
+    places = [model.names.index(name) for name in found.values()]
+    theirs = model.camtoworlds[places, :, 3]
+    if not np.ptp(theirs, axis=0).any():
+        return
+    off = fit_similarity(theirs, ours).points(theirs) - ours
+    if np.abs(off).max() > WORST_FIT * np.linalg.norm(np.std(ours, axis=0)):
+        say_once(
+            f"WARNING: {data_dir / POSES_FILE}: its rows, in the order of the "
+            f"pictures' names, place them elsewhere than {folder}: rows and pictures "
+            "are in different orders, or one of the two is of other photos"
+        )
 
 
 def _read_rows(path: Path) -> Float[np.ndarray, "n 17"]:

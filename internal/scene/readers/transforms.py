@@ -17,6 +17,7 @@ camera centres to the JSON's: an ``applied_transform`` needs no special case.
 import dataclasses
 import json
 import math
+import os
 import posixpath
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
@@ -30,7 +31,13 @@ from internal import poses
 from internal.cameras import Lens
 from internal.errors import UserError, one_line
 from internal.files import image_io, ply
-from internal.files.listing import composed, find_file, is_metadata, say_once
+from internal.files.listing import (
+    composed,
+    find_file,
+    is_file,
+    is_metadata,
+    say_once,
+)
 from internal.scene import colmap
 from internal.scene.mask_files import find_masks
 from internal.scene.pairing import dark_twin, match_by_name, pair_poses, some
@@ -49,18 +56,25 @@ FOCAL_KEYS = (
     ("x_fov", "y_fov"),
 )
 ALIKE = 0.05  # of a focal length: between what is stated in several ways
-SHORTEST = 1 / 20  # of a picture's side: 169 degrees, or a focal length not in pixels
 FRACTION = 1.0  # pixels: a principal point below is stated as a part of the picture
-NOT_READ = ("ftheta_p0", "from_mitsuba", "latlong", "equirectangular")  # instant-ngp's
+# instant-ngp's
+NOT_READ = (
+    *("ftheta_p0", "from_mitsuba", "latlong", "equirectangular"),
+    *("transform_matrix_start", "transform_matrix_end"),  # a shutter that rolls
+)
 MOST_POINTS = 200_000  # of a dense cloud, evenly chosen
 WORST_FIT = 0.01  # of the spread of the camera centres
 WORST_AXES = 0.05  # between unit vectors: 3 degrees
+ALL_TERMS = (*"k1 k2 k3 k4 k5 k6 p1 p2 s1 s2 s3 s4 tau_x tau_y".split(),)
 LISTED_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")  # of distortion_params
 FISHEYE_MODELS = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 PERSPECTIVE_MODELS = (
     *("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL"),
     *("OPENCV", "FULL_OPENCV", "PERSPECTIVE"),
 )
+
+# Of folders that were looked at, the pictures by their names up to the ending.
+_Folders = dict[Path, dict[str, list[Path]]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,6 +125,11 @@ def read_nerfstudio(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles
     frames = _read_frames(data_dir / SINGLE_FILE, is_test=False)
     test = _listed(frames, "test_filenames") or _listed(frames, "val_filenames")
     train = _listed(frames, "train_filenames")
+    if train & test:
+        say_once(
+            f"WARNING: {data_dir / SINGLE_FILE}: {len(train & test)} views are in two "
+            "of its lists of filenames: held out, not trained on"
+        )
     frames = [
         dataclasses.replace(frame, is_test=frame.values["file_path"] in test)
         for frame in frames
@@ -121,7 +140,7 @@ def read_nerfstudio(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles
 
 def _read_frames(path: Path, is_test: bool) -> list[_Frame]:
     try:
-        content = json.loads(_decoded(path.read_bytes()))
+        content = json.loads(_decoded(path.read_bytes()), object_pairs_hook=_unique)
     except (ValueError, OSError, RecursionError) as error:
         raise UserError(f"{path}: not a JSON file ({error}); write it again") from error
     frames = content.get("frames") if isinstance(content, dict) else None
@@ -129,8 +148,10 @@ def _read_frames(path: Path, is_test: bool) -> list[_Frame]:
         raise UserError(f'{path}: no "frames"; expected a NeRF transforms file')
     shared = {key: value for key, value in content.items() if key != "frames"}
     for index, frame in enumerate(frames):
-        if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+        listed = frame.get("file_path") if isinstance(frame, dict) else None
+        if not isinstance(listed, str) or not listed:
             raise UserError(f'{path}: frame {index} has no "file_path"')
+        _check_own_size(path, shared, frame)
     return [
         _Frame(
             path,
@@ -142,6 +163,35 @@ def _read_frames(path: Path, is_test: bool) -> list[_Frame]:
     ]
 
 
+def _check_own_size(
+    path: Path, shared: Mapping[str, Any], own: Mapping[str, Any]
+) -> None:
+    """Refuses a frame of another size than the file's, with the file's lens."""
+    for side, focal in (("w", "fl_x"), ("h", "fl_y")):
+        differs = side in own and shared.get(side, own[side]) != own[side]
+        if differs and focal in shared and focal not in own:
+            raise UserError(
+                f"{path}: {side} of {own['file_path'][:60]} is {own[side]}, but its "
+                f"{focal} is the file's, for {shared[side]}; expected its own {focal}"
+            )
+
+
+def _check_one_size(frames: Sequence[_Frame], lenses: Sequence[Lens]) -> None:
+    """Refuses one focal length in pixels for pictures of several sizes where no w and
+    h says for which. Pictures may lie on their sides."""
+    sizes: dict[Any, set[tuple[int, ...]]] = {}
+    for frame, lens in zip(frames, lenses, strict=True):
+        if "fl_x" in frame.values and not {"w", "h"} <= frame.values.keys():
+            size = tuple(sorted((lens.width, lens.height)))
+            sizes.setdefault(frame.values["fl_x"], set()).add(size)
+            if len(sizes[frame.values["fl_x"]]) > 1:
+                raise UserError(
+                    f"{frame.json_path}: one fl_x for pictures of several sizes, such "
+                    f"as {frame.image_path.name}; expected w and h, of the size that "
+                    "it is for"
+                )
+
+
 def _inherited(shared: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     """A frame's values: its own before the file's. Where it states focal lengths in
     one way, those that the file states in other ways are not meant for it."""
@@ -150,6 +200,15 @@ def _inherited(shared: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, A
     if in_own_way:
         shared = {k: value for k, value in shared.items() if k not in others}
     return {**shared, **own}
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object; raises where a key has two values, of which one is not meant."""
+    values = dict(pairs)
+    for key, value in pairs:
+        if value is not values[key] and value != values[key]:
+            raise ValueError(f"{key!r} is there twice, with two values")
+    return values
 
 
 def _decoded(content: bytes) -> str:
@@ -164,14 +223,33 @@ def locate(folder: Path, listed: str) -> Path:
     holds. The path as written where there is none."""
     spellings = [listed, listed.replace("\\", "/"), unquote(listed.replace("\\", "/"))]
     for spelling in spellings:
-        if find_file(folder / spelling).is_file():
+        if is_file(find_file(folder / spelling)):
             return folder / spelling
-    parts = PurePosixPath(spellings[-1]).parts
+    return _of_another_machine(folder, spellings[-1]) or folder / listed
+
+
+def _of_another_machine(folder: Path, listed: str) -> Path | None:
+    """What the scene holds at the longest end of a path."""
+    parts = PurePosixPath(listed).parts
     for start in range(1, len(parts)):
         path = folder.joinpath(*parts[start:])
-        if find_file(path).is_file():
+        if is_file(find_file(path)):
             return path
-    return folder / listed
+    return None
+
+
+def _name_outside(data_dir: Path, frames: Sequence[_Frame]) -> None:
+    """Says so if pictures are taken from elsewhere though the scene has some of these
+    names: a scene that was copied still lists those that it was copied from."""
+    outside = [f for f in frames if not f.image_path.is_relative_to(data_dir)]
+    for frame in outside[:1]:
+        inside = _of_another_machine(data_dir, frame.image_path.as_posix())
+        if inside:
+            say_once(
+                f"WARNING: {frame.json_path}: {len(outside)} of {len(frames)} pictures "
+                f"are taken from elsewhere, as it says, such as {frame.image_path}, "
+                f"not {inside}: list paths from its own folder to use these"
+            )
 
 
 def _scene_files(
@@ -182,12 +260,14 @@ def _scene_files(
     frames: Sequence[_Frame],
 ) -> SceneFiles:
     if not images_dir:
-        frames = _with_pictures(frames)
+        folders: _Folders = {}
+        frames = _with_pictures(frames, folders)
         frames = [
-            dataclasses.replace(frame, image_path=_find_picture(frame))
+            dataclasses.replace(frame, image_path=_find_picture(frame, folders))
             for frame in frames
         ]
         _name_unlisted(frames)
+        _name_outside(data_dir, frames)
     # A picture listed for training and for testing is held out: the last one wins.
     unique = {frame.image_path: frame for frame in frames}
     _check_repeated(unique, frames)
@@ -202,6 +282,7 @@ def _scene_files(
     points, points_source = _points(data_dir, frames, names, camtoworlds)
     test_names = frozenset(n for n, frame in by_name.items() if frame.is_test)
     lenses = tuple(_lens(frame) for frame in by_name.values())
+    _check_one_size(tuple(by_name.values()), lenses)
     return SceneFiles(
         format=name,
         names=names,
@@ -213,7 +294,7 @@ def _scene_files(
         bounds=_bounds(frames),
         test_names=test_names or None,
         mask_paths=_masks(data_dir, tuple(by_name.values())),
-        upright=_means_upright(image_paths, lenses),
+        upright=_means_upright(image_paths, lenses, tuple(by_name.values())),
         points_source=points_source,
         transparent_is_black=name == BLENDER.name,
     )
@@ -222,6 +303,10 @@ def _scene_files(
 def _name_unlisted(frames: Sequence[_Frame]) -> None:
     """Names the pictures beside those of the frames that no frame lists."""
     listed = {frame.image_path.name for frame in frames}
+    file = frames[0].json_path.name
+    chosen = " that its lists of filenames name" * bool(
+        frames[0].values.get("train_filenames")
+    )
     for folder in sorted({frame.image_path.parent for frame in frames}):
         beside = sorted(
             path.name
@@ -232,7 +317,7 @@ def _name_unlisted(frames: Sequence[_Frame]) -> None:
         if unlisted:
             say_once(
                 f"{folder}: {len(unlisted)} of {len(beside)} pictures are in no frame "
-                f"of {frames[0].json_path.name}: {some(unlisted)} left out"
+                f"of {file}{chosen}: {some(unlisted)} left out"
             )
 
 
@@ -249,27 +334,45 @@ def _check_repeated(unique: Mapping[Path, _Frame], frames: Sequence[_Frame]) -> 
             )
 
 
-def _means_upright(paths: Sequence[Path], lenses: Sequence[Lens]) -> bool:
+def _means_upright(
+    paths: Sequence[Path], lenses: Sequence[Lens], frames: Sequence[_Frame]
+) -> bool:
     """Whether poses mean photos as turned by their EXIF orientation, as far as the
-    stated sizes tell: not if they fit the stored pixels alone."""
-    for path, lens in zip(paths, lenses, strict=True):
+    stated sizes tell: not if they fit the stored pixels alone. Where none tells, it is
+    taken as meant and said."""
+    told, untold = False, []
+    for path, lens, frame in zip(paths, lenses, frames, strict=True):
         turned, stored = image_io.read_size(path), image_io.read_size(path, False)
         is_wide = lens.width > lens.height
         if turned != stored and is_wide == (stored[0] > stored[1]):
             print(f"  {path}: taken as stored, without its EXIF turn, as its size says")
             return False
+        if turned != stored and {"w", "h"} <= frame.values.keys():
+            told = True
+        elif image_io.is_turned(path):
+            untold.append(path)
+    if untold and not told:
+        say_once(
+            f"WARNING: {untold[0]}: turned as its EXIF orientation says, like "
+            f"{len(untold)} of {len(paths)} photos; no stated size tells whether the "
+            "poses mean that: if they do not, save the photos without the tag"
+        )
     return True
 
 
-def _with_pictures(frames: Sequence[_Frame]) -> list[_Frame]:
+def _with_pictures(frames: Sequence[_Frame], folders: _Folders) -> list[_Frame]:
     """The frames without those test views whose photo is not there: benchmarks list
     pictures that they keep for themselves."""
-    missing = [frame for frame in frames if frame.is_test and not _alike(frame)]
+    missing = [
+        frame for frame in frames if frame.is_test and not _alike(frame, folders)
+    ]
     if missing:
         shown = ", ".join(frame.image_path.name for frame in missing[:3])
+        is_all = len(missing) == sum(frame.is_test for frame in frames)
+        instead = "; none is left, so others are held out" if is_all else ""
         print(
             f"WARNING: {missing[0].json_path}: {len(missing)} test views have no photo "
-            f"here ({shown}, ...); they are left out"
+            f"here ({shown}, ...); they are left out{instead}"
         )
     return [frame for frame in frames if frame not in missing]
 
@@ -311,7 +414,7 @@ def _stated_mask(frame: _Frame) -> Path | None:
             f"{repr(listed)[:60]}; expected a path"
         )
     path = find_file(locate(frame.json_path.parent, listed))
-    if not path.is_file():
+    if not is_file(path):
         raise UserError(
             f"{path}: mask not found, but {frame.json_path} names it for "
             f"{frame.image_path.name}; copy it there or remove its mask_path"
@@ -342,9 +445,9 @@ def _listed(frames: Sequence[_Frame], key: str) -> set[str]:
     return {stated[name].values["file_path"] for name in found.values()}
 
 
-def _find_picture(frame: _Frame) -> Path:
+def _find_picture(frame: _Frame, folders: _Folders) -> Path:
     """The listed file; or the one of that stem, with any extension or case."""
-    found = _alike(frame)
+    found = _alike(frame, folders)
     if found is None:
         raise UserError(
             f"{frame.image_path}: image not found, but {frame.json_path} lists it; "
@@ -353,19 +456,14 @@ def _find_picture(frame: _Frame) -> Path:
     return found
 
 
-def _alike(frame: _Frame) -> Path | None:
+def _alike(frame: _Frame, folders: _Folders) -> Path | None:
     path = find_file(frame.image_path)
-    if path.is_file():
+    if is_file(path):
         return path
+    if path.parent not in folders:
+        folders[path.parent] = _by_stem(path.parent)
     stems = {composed(stem).casefold() for stem in (path.name, path.stem)}
-    alike = sorted(
-        other
-        for other in path.parent.glob("*")
-        if composed(other.stem).casefold() in stems
-        and image_io.is_image(other)
-        and other.is_file()
-        and not is_metadata(other)
-    )
+    alike = sorted(x for stem in stems for x in folders[path.parent].get(stem, ()))
     named = composed(path.name).casefold()
     alike = [other for other in alike if other.name.casefold() == named] or alike
     if len(alike) > 1:
@@ -374,6 +472,15 @@ def _alike(frame: _Frame) -> Path | None:
             f"meant; write its ending into {frame.json_path}"
         )
     return alike[0] if alike else None
+
+
+def _by_stem(folder: Path) -> dict[str, list[Path]]:
+    """The pictures of a folder by their names up to the ending, in lower case."""
+    found: dict[str, list[Path]] = {}
+    for path in folder.glob("*") if os.path.isdir(folder) else ():
+        if image_io.is_image(path) and is_file(path) and not is_metadata(path):
+            found.setdefault(composed(path.stem).casefold(), []).append(path)
+    return found
 
 
 def _camtoworld(frame: _Frame) -> Float[np.ndarray, "3 4"]:
@@ -403,7 +510,7 @@ def _lens(frame: _Frame) -> Lens:
             f"{frame.json_path}: has {foreign[0]}, which this program does not read; "
             "expected a camera_model of nerfstudio, and its OpenGL poses"
         )
-    model = str(frame.values.get("camera_model", "OPENCV")).upper()
+    model = str(frame.values.get("camera_model") or "OPENCV").upper()
     if frame.values.get("is_fisheye", False):
         model = "OPENCV_FISHEYE"
     if model == "EQUIRECTANGULAR":
@@ -424,17 +531,9 @@ def _lens(frame: _Frame) -> Lens:
         terms = (_number(frame, key, 0.0) for key in DISTORTION_TERMS[model])
         return Lens(model, width, height, (*pinhole, *terms))
 
+    _check_terms(frame, model)
     if model in FISHEYE_MODELS:
         return lens("OPENCV_FISHEYE")
-    # k4 to k6 are a denominator in OpenCV's full model alone; nerfstudio's k4 belongs
-    # to r^8, which no lens here has.
-    beyond = [k for k in ("k4", "k5", "k6") if _number(frame, k, 0.0) != 0.0]
-    if beyond and model != "FULL_OPENCV":
-        raise UserError(
-            f"{frame.json_path}: {beyond[0]} of {frame.image_path.name} is "
-            f"{_number(frame, beyond[0], 0.0):g}; this program has no such term in a "
-            f"{model} lens: calibrate with k1, k2, k3, p1, p2, or undistort the photos"
-        )
     # The simplest lens that has all of the terms.
     simple, full = lens("OPENCV"), lens("FULL_OPENCV")
     if any(full.params[len(simple.params) :]):
@@ -442,10 +541,30 @@ def _lens(frame: _Frame) -> Lens:
     return simple if any(simple.params[len(pinhole) :]) else lens("PINHOLE")
 
 
+def _check_terms(frame: _Frame, model: str) -> None:
+    """Refuses distortion that no lens here of that model has.
+
+    k4 to k6 are a denominator in OpenCV's full model alone; nerfstudio's k4 of other
+    lenses that are no fisheye belongs to r^8.
+    """
+    own = DISTORTION_TERMS["OPENCV_FISHEYE"]
+    if model not in FISHEYE_MODELS:
+        own = DISTORTION_TERMS["FULL_OPENCV"]
+        own = own if model == "FULL_OPENCV" else (*DISTORTION_TERMS["OPENCV"], "k3")
+    for key in ALL_TERMS:
+        if key not in own and _number(frame, key, 0.0) != 0.0:
+            raise UserError(
+                f"{frame.json_path}: {key} of {frame.image_path.name} is "
+                f"{_number(frame, key, 0.0):g}; this program has no such term in a "
+                f"{model} lens: calibrate with {', '.join(own)} alone, or undistort "
+                "the photos"
+            )
+
+
 def _stated_size(frame: _Frame) -> tuple[int, int]:
     """(width, height) in pixels as stated, else of the picture itself."""
     if not {"w", "h"} <= frame.values.keys():
-        return image_io.read_size(_find_picture(frame))
+        return image_io.read_size(_find_picture(frame, {}))
     width, height = round(_number(frame, "w", 0.0)), round(_number(frame, "h", 0.0))
     if min(width, height) < 1:
         raise UserError(f"{frame.json_path}: picture size {width}x{height} is empty")
@@ -465,7 +584,7 @@ def _focal_lengths(frame: _Frame, width: int, height: int) -> tuple[float, float
             f"{frame.json_path}: no focal length for {frame.image_path.name}; expected "
             "fl_x and fl_y in pixels or camera_angle_x in radians"
         )
-    if fx < SHORTEST * width or fy < SHORTEST * height:
+    if fx < colmap.SHORTEST * width or fy < colmap.SHORTEST * height:
         raise UserError(
             f"{frame.json_path}: the focal length of {frame.image_path.name} is "
             f"{fx:g} x {fy:g} for {width}x{height} pixels; expected pixels"
@@ -538,7 +657,8 @@ def _with_listed_distortion(frame: _Frame) -> _Frame:
 
 def _number(frame: _Frame, key: str, default: float) -> float:
     value = frame.values.get(key, default)
-    if not isinstance(value, int | float) or not abs(value) < LARGEST_NUMBER:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not abs(value) < LARGEST_NUMBER:
         raise UserError(
             f"{frame.json_path}: {key} of {frame.image_path.name} is "
             f"{repr(value)[:60]}; expected a finite number"
@@ -561,10 +681,17 @@ def _points(
 ) -> tuple[Float[np.ndarray, "m 3"], str]:
     """Points in the JSON's frame, and what they are. A cloud that cannot be read is
     named and done without: points only say how deep the scene is."""
-    listed = {frame.values.get("ply_file_path"): frame.json_path for frame in frames}
+    listed = {}
+    for frame in frames:
+        name = frame.values.get("ply_file_path") or None
+        if name is not None and not isinstance(name, str):
+            raise UserError(
+                f"{frame.json_path}: ply_file_path is {repr(name)[:60]}; expected a "
+                "path"
+            )
+        if name:
+            listed[name] = frame.json_path
     for name, json_path in listed.items():
-        if not isinstance(name, str) or not name:
-            continue
         path = find_file(locate(json_path.parent, name))
         try:
             rows = ply.read(path)
