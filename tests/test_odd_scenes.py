@@ -14,7 +14,7 @@ from internal.errors import UserError
 from internal.files import image_io, ply
 from internal.scene.config import SceneConfig
 from internal.scene.loading import check_lenses, fit_lenses
-from internal.scene.readers import read_files, transforms
+from internal.scene.readers import read_files, transforms_pictures
 from internal.scene.scene import load_scene
 from tests.scene_writers import (
     edit_json,
@@ -366,9 +366,11 @@ def test_frames_without_their_ending_list_a_folder_once(tmp_path, monkeypatch):
         path = tmp_path / f"transforms_{split}.json"
         path.write_text(path.read_text().replace(".png", ""))
     listed = []
-    by_stem = transforms._by_stem
+    by_stem = transforms_pictures._by_stem
     monkeypatch.setattr(
-        transforms, "_by_stem", lambda folder: listed.append(folder) or by_stem(folder)
+        transforms_pictures,
+        "_by_stem",
+        lambda folder: listed.append(folder) or by_stem(folder),
     )
     assert len(read_files(tmp_path, "auto", "").names) == 6
     assert listed == [tmp_path / "low"]
