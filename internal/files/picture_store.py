@@ -7,6 +7,7 @@ does not grow with the number of photos.
 
 import os
 import tempfile
+import weakref
 from collections.abc import Iterable, Sequence
 from typing import overload
 
@@ -47,6 +48,7 @@ class PictureStore(Sequence[Picture]):
 
     def __init__(self, *parts: Iterable[Picture]) -> None:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115, lives with the store
+        weakref.finalize(self, self._file.close)
         self._shapes: list[tuple[int, ...]] = []
         starts = [0]
         try:

@@ -194,7 +194,7 @@ def apply_if_finite(
         return TrainState(state.step + 1, params, opt_state)
 
     groups = {name: group_params(grads, name) for name in (ENHANCEMENT, "field")}
-    norms = {name: optax.global_norm(own) for name, own in groups.items() if own}
+    norms = {name: optax.tree.norm(own) for name, own in groups.items() if own}
     finite = jnp.all(jnp.isfinite(jnp.stack([*terms.values(), *norms.values()])))
     kept = jax.lax.cond(finite, apply, lambda state, _: state, state, grads)
     return kept, norms, finite
