@@ -429,6 +429,7 @@ def test_a_study_is_answered_and_evaluated(browser, tmp_path):
     file = tmp_path / "ann.csv"
     download.value.save_as(file)
     context.close()
-    assert [row["answer"] for row in csv.DictReader(file.open())] == ["A", "undecided"]
+    rows = csv.DictReader(file.read_text().splitlines())
+    assert [row["answer"] for row in rows] == ["A", "undecided"]
     (result,) = preferences(read_answers([file]))
     assert (result.rival, result.a_better) == ("theirs", 0.5)

@@ -139,19 +139,16 @@ with run_folder.claimed(config):
 
 def test_a_second_training_is_refused_until_the_first_is_killed(tmp_path):
     config = configs.load_config([], [f"Config.checkpoint_dir = {str(tmp_path)!r}"])
-    first = subprocess.Popen(
-        [sys.executable, "-c", HOLD, str(tmp_path)],
-        cwd=ROOT, stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    try:
-        assert first.stdout and first.stdout.readline() == "held\n"
-        with (
-            pytest.raises(UserError, match="another training is running"),
-            run_folder.claimed(config),
-        ):
-            pass
-    finally:
-        first.kill()
-        first.wait()
+    holds = [sys.executable, "-c", HOLD, str(tmp_path)]
+    with subprocess.Popen(holds, cwd=ROOT, stdout=subprocess.PIPE, text=True) as first:
+        try:
+            assert first.stdout and first.stdout.readline() == "held\n"
+            with (
+                pytest.raises(UserError, match="another training is running"),
+                run_folder.claimed(config),
+            ):
+                pass
+        finally:
+            first.kill()
     with run_folder.claimed(config) as folder:
         assert folder == tmp_path

@@ -111,7 +111,8 @@ def test_the_chart_is_drawn_and_its_numbers_are_written(tmp_path):
     path = write_answers(tmp_path / "ann.csv", "ann", answers)
     out = tmp_path / "chart"
     assert study_script.main(["chart", str(out), str(path)]) == 0
-    rows = list(csv.DictReader((out / "preferences.csv").open()))
+    text = (out / "preferences.csv").read_text()
+    rows = list(csv.DictReader(text.splitlines()))
     assert [(row["rival"], row["a_better"]) for row in rows] == [
         ("one", "1.0"),
         ("two", "0.0"),

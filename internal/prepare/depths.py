@@ -160,7 +160,8 @@ def _key(files: SceneFiles, views: Sequence[int]) -> str:
 def _read(path: Path, key: str) -> Float[np.ndarray, "m 3"] | None:
     """The points kept in a file, if they are of this key."""
     try:
-        with np.load(path, allow_pickle=False) as kept:
+        # Opened here: of a torn archive NumPy leaves the file open.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
             if str(kept["key"]) != key:
                 return None
             return np.asarray(kept["points"], np.float64).reshape(-1, 3)
