@@ -101,7 +101,7 @@ class ForwardFacing:
         return mean, mip.lift_variance(directions, t_var, r_var)
 
     def depth(self, t: Float[Array, "*b"]) -> Float[Array, "*b"]:
-        return 1.0 / jnp.maximum(1.0 - t, 1e-3)
+        return 1.0 / jnp.maximum(1.0 - t, NEAR_INFINITY)
 
     def ends(
         self,

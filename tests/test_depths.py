@@ -12,7 +12,7 @@ from internal.configs import load_config
 from internal.errors import UserError
 from internal.files import ply
 from internal.prepare import attempts, depths
-from internal.scene import readers
+from internal.scene import colmap, readers
 from tests.scene_writers import (
     World,
     edit_json,
@@ -106,10 +106,10 @@ def test_photos_that_show_nothing_leave_it_to_the_cameras(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("custom", "change"),
     [
-        (lambda pose: pose * depths.NEGATED, "their second and third column negated"),
+        (lambda pose: colmap.other_axes(pose), "their second and third column negated"),
         (lambda pose: invert(pose), "the matrices inverted; "),
         (
-            lambda pose: invert(pose * depths.NEGATED),
+            lambda pose: invert(colmap.other_axes(pose)),
             "the matrices inverted and those columns negated",
         ),
     ],

@@ -31,7 +31,6 @@ POINTS_FILE = "points_from_photos.npz"
 VERSION = 1  # counts changes of how points are found
 WAYS = (attempts.WAYS[0], attempts.WAYS[2])
 CLEARLY = 1.5  # times the points with the poses as stated: of another custom
-NEGATED = np.array([1.0, -1.0, -1.0, 1.0])  # second and third axis
 NOTHING = np.empty((0, 3))
 
 
@@ -139,9 +138,9 @@ def other_customs(
     rotations = np.swapaxes(camtoworlds[:, :, :3], 1, 2)
     inverse = np.concatenate([rotations, -rotations @ camtoworlds[:, :, 3:]], axis=-1)
     return {
-        "their second and third column negated": camtoworlds * NEGATED,
+        "their second and third column negated": colmap.other_axes(camtoworlds),
         "the matrices inverted": inverse,
-        "the matrices inverted and those columns negated": inverse * NEGATED,
+        "the matrices inverted and those columns negated": colmap.other_axes(inverse),
     }
 
 

@@ -5,6 +5,7 @@ One thread and one seed: the same matches give the same scene. Frames and pixel
 coordinates are COLMAP's inside this module; poses that leave it are OpenGL.
 """
 
+import copy
 import dataclasses
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -139,14 +140,8 @@ def own_focal_lengths(model: Model) -> dict[int, float]:
     freed = pycolmap.Reconstruction()
     for number in given.reg_image_ids():
         image = given.image(number)
-        camera = given.camera(image.camera_id)
-        own = pycolmap.Camera(
-            camera_id=number,
-            model=camera.model,
-            width=camera.width,
-            height=camera.height,
-            params=camera.params,
-        )
+        own = copy.copy(given.camera(image.camera_id))
+        own.camera_id = number
         freed.add_camera_with_trivial_rig(own)
         pixels = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
         freed.add_image_with_trivial_frame(
@@ -230,7 +225,7 @@ def camera_poses(model: Model) -> Float[np.ndarray, "n 3 4"]:
         key=lambda image: image.name,
     )
     matrices = [image.cam_from_world().inverse().matrix() for image in images]
-    return np.stack(matrices) * np.append(colmap.OPENGL_FROM_OPENCV, 1.0)
+    return colmap.other_axes(np.stack(matrices))
 
 
 def point_positions(model: Model) -> Float[np.ndarray, "m 3"]:

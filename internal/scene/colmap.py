@@ -241,9 +241,14 @@ def read_model(folder: Path) -> Reconstruction:
     return Reconstruction(
         names=tuple(image.name for image in images),
         lenses=tuple(model.cameras[image.camera] for image in images),
-        camtoworlds=camtoworlds * np.append(OPENGL_FROM_OPENCV, 1.0),
+        camtoworlds=other_axes(camtoworlds),
         points=model.points,
     )
+
+
+def other_axes(camtoworlds: Float[np.ndarray, "*n 3 4"]) -> Float[np.ndarray, "*n 3 4"]:
+    """OpenCV's poses with OpenGL's axes, or back: y and z point the other way."""
+    return camtoworlds * np.append(OPENGL_FROM_OPENCV, 1.0)
 
 
 def reconstruction(
@@ -260,7 +265,7 @@ def reconstruction(
         written.add_camera_with_trivial_rig(camera)
     views = zip(names, lenses, camtoworlds, strict=True)
     for image_id, (name, lens, camtoworld) in enumerate(views, 1):
-        opencv = camtoworld * np.append(OPENGL_FROM_OPENCV, 1.0)
+        opencv = other_axes(camtoworld)
         image = pycolmap.Image(name=name, camera_id=camera_ids[lens], image_id=image_id)
         cam_from_world = pycolmap.Rigid3d(opencv).inverse()
         written.add_image_with_trivial_frame(image, cam_from_world)

@@ -10,6 +10,7 @@ an area average keeps the precision it gained.
 
 import dataclasses
 import functools
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -357,9 +358,10 @@ def _warn_of_copies(scene: Scene) -> None:
     black, copies, first = [], [], {}
     for view, image in enumerate(scene.images):
         name = scene.view_names[view]
-        looked_at = np.ascontiguousarray(image[::EVERY, ::EVERY]).tobytes()
-        original = first.setdefault(looked_at, name)
-        if any(looked_at):
+        looked_at = image[::EVERY, ::EVERY]
+        digest = hashlib.sha256(looked_at.tobytes()).digest()
+        original = first.setdefault(digest, name)
+        if looked_at.any():
             copies += [f"{name} of {original}"] * (original != name)
         elif scene.mask(view).any() and not image.any():
             black.append(name)

@@ -31,12 +31,12 @@ from internal.scene import colmap
 from internal.scene.mask_files import find_masks
 from internal.scene.pairing import match_by_name, pair_poses, some
 from internal.scene.readers.base import Reader, SceneFiles
-from internal.scene.readers.transforms_frames import (
-    Frame,
+from internal.scene.readers.transforms_entries import (
+    Entry,
     locate,
     number,
     read_camtoworld,
-    read_frames,
+    read_entries,
 )
 from internal.scene.readers.transforms_lenses import check_one_size, read_lens
 from internal.scene.readers.transforms_pictures import (
@@ -70,10 +70,10 @@ def read_blender(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles:
     """
     paths = {s: data_dir / SPLIT_FILE.format(s) for s in ("train", "val", "test")}
     held_out = next((s for s in ("test", "val") if paths[s].is_file()), None)
-    frames = read_frames(paths["train"], is_test=False)
+    frames = read_entries(paths["train"], is_test=False)
     if held_out:
         training = {frame.image_path for frame in frames}
-        frames += read_frames(paths[held_out], is_test=True)
+        frames += read_entries(paths[held_out], is_test=True)
         both = training & {frame.image_path for frame in frames if frame.is_test}
         if both:
             say_once(
@@ -89,7 +89,7 @@ def read_nerfstudio(data_dir: Path, images_dir: str, pair_by: str) -> SceneFiles
     Raises:
         UserError: the file is broken, or a picture is missing.
     """
-    frames = read_frames(data_dir / SINGLE_FILE, is_test=False)
+    frames = read_entries(data_dir / SINGLE_FILE, is_test=False)
     test = _listed(frames, "test_filenames") or _listed(frames, "val_filenames")
     train = _listed(frames, "train_filenames")
     if train & test:
@@ -110,7 +110,7 @@ def _scene_files(
     data_dir: Path,
     images_dir: str,
     pair_by: str,
-    frames: Sequence[Frame],
+    frames: Sequence[Entry],
 ) -> SceneFiles:
     if not images_dir:
         folders: Folders = {}
@@ -154,7 +154,7 @@ def _scene_files(
 
 
 def _means_upright(
-    paths: Sequence[Path], lenses: Sequence[Lens], frames: Sequence[Frame]
+    paths: Sequence[Path], lenses: Sequence[Lens], frames: Sequence[Entry]
 ) -> bool:
     """Whether poses mean photos as turned by their EXIF orientation, as far as the
     stated sizes tell: not if they fit the stored pixels alone. Where none tells, it is
@@ -192,7 +192,7 @@ def _names(paths: Iterable[Path], data_dir: Path) -> list[str]:
     ]
 
 
-def _masks(data_dir: Path, frames: Sequence[Frame]) -> tuple[Path | None, ...]:
+def _masks(data_dir: Path, frames: Sequence[Entry]) -> tuple[Path | None, ...]:
     """The masks that the file names, or where it names none those of a folder."""
     stated = tuple(_stated_mask(frame) for frame in frames)
     if any(stated):
@@ -206,7 +206,7 @@ def _masks(data_dir: Path, frames: Sequence[Frame]) -> tuple[Path | None, ...]:
     return find_masks(data_dir, data_dir, inside)
 
 
-def _stated_mask(frame: Frame) -> Path | None:
+def _stated_mask(frame: Entry) -> Path | None:
     listed = frame.values.get("mask_path") or None
     if listed is None:
         return None
@@ -224,7 +224,7 @@ def _stated_mask(frame: Frame) -> Path | None:
     return path
 
 
-def _listed(frames: Sequence[Frame], key: str) -> set[str]:
+def _listed(frames: Sequence[Entry], key: str) -> set[str]:
     """The ``file_path`` of the frames that the file lists under a key, in whatever
     spelling; none where it has none. Names that mean no frame are named."""
     path, names = frames[0].json_path, frames[0].values.get(key) or []
@@ -247,7 +247,7 @@ def _listed(frames: Sequence[Frame], key: str) -> set[str]:
     return {stated[name].values["file_path"] for name in found.values()}
 
 
-def _bounds(frames: Sequence[Frame]) -> Float[np.ndarray, "b 2"]:
+def _bounds(frames: Sequence[Entry]) -> Float[np.ndarray, "b 2"]:
     """Depths of each frame, where every frame has them."""
     if not all({"near", "far"} <= frame.values.keys() for frame in frames):
         return np.empty((0, 2))
@@ -256,7 +256,7 @@ def _bounds(frames: Sequence[Frame]) -> Float[np.ndarray, "b 2"]:
 
 def _points(
     data_dir: Path,
-    frames: Sequence[Frame],
+    frames: Sequence[Entry],
     names: Sequence[str],
     camtoworlds: Float[np.ndarray, "n 3 4"],
 ) -> tuple[Float[np.ndarray, "m 3"], str]:
@@ -308,10 +308,11 @@ def _sparse_points(
         print(f"warning: {folder}: fewer than 3 images have poses; points not used")
         return nothing
     similarity = poses.fit_similarity(source[:, :, 3], target[:, :, 3])
-    error = np.abs(similarity.poses(source) - target)
+    moved = similarity.poses(source)
+    error = np.abs(moved - target)
     spread = np.linalg.norm(np.std(target[:, :, 3], axis=0))
-    turned = similarity.poses(source)[:, :, :3] * (1.0, -1.0, -1.0)
-    if np.abs(turned - target[:, :, :3]).max() < WORST_AXES:
+    off = np.abs(colmap.other_axes(moved) - target)[:, :, :3]
+    if off.max() < WORST_AXES:
         raise UserError(
             f"{data_dir}: the poses of its JSON have OpenCV's axes, as the model in "
             f"{folder} tells; expected OpenGL's (x right, y up, z backwards): negate "

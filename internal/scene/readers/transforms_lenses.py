@@ -10,7 +10,7 @@ from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
 from internal.scene import colmap
-from internal.scene.readers.transforms_frames import Frame, number
+from internal.scene.readers.transforms_entries import Entry, number
 from internal.scene.readers.transforms_pictures import find_picture
 from internal.scene.transforms_file import DISTORTION_TERMS
 
@@ -30,7 +30,7 @@ PERSPECTIVE_MODELS = (
 )
 
 
-def read_lens(frame: Frame) -> Lens:
+def read_lens(frame: Entry) -> Lens:
     """The lens that a frame states, for the size that it states.
 
     Raises:
@@ -74,7 +74,7 @@ def read_lens(frame: Frame) -> Lens:
     return simple if any(simple.params[len(pinhole) :]) else lens("PINHOLE")
 
 
-def _check_terms(frame: Frame, model: str) -> None:
+def _check_terms(frame: Entry, model: str) -> None:
     """Refuses distortion that no lens here of that model has.
 
     k4 to k6 are a denominator in OpenCV's full model alone; nerfstudio's k4 of other
@@ -94,7 +94,7 @@ def _check_terms(frame: Frame, model: str) -> None:
             )
 
 
-def _stated_size(frame: Frame) -> tuple[int, int]:
+def _stated_size(frame: Entry) -> tuple[int, int]:
     """(width, height) in pixels as stated, else of the picture itself."""
     if not {"w", "h"} <= frame.values.keys():
         return image_io.read_size(find_picture(frame, {}))
@@ -104,7 +104,7 @@ def _stated_size(frame: Frame) -> tuple[int, int]:
     return width, height
 
 
-def _focal_lengths(frame: Frame, width: int, height: int) -> tuple[float, float]:
+def _focal_lengths(frame: Entry, width: int, height: int) -> tuple[float, float]:
     """(fx, fy) in pixels, from focal lengths or fields of view; square pixels if
     only one is stated."""
     stated = [
@@ -125,7 +125,7 @@ def _focal_lengths(frame: Frame, width: int, height: int) -> tuple[float, float]
     return fx, fy
 
 
-def _focal_length(frame: Frame, axis: str, pixels: int) -> float:
+def _focal_length(frame: Entry, axis: str, pixels: int) -> float:
     """In pixels, as stated for one axis in any of three ways; 0 if in none."""
     if number(frame, f"fl_{axis}", 1.0) <= 0.0:
         raise UserError(
@@ -163,7 +163,7 @@ def _across(pixels: int, angle: float) -> float:
     return pixels / (2.0 * math.tan(angle / 2.0)) if angle else 0.0
 
 
-def _middle(frame: Frame, key: str, side: int) -> float:
+def _middle(frame: Entry, key: str, side: int) -> float:
     """A coordinate of the principal point, in pixels; half the side if not stated."""
     place = number(frame, key, side / 2.0)
     if not min(FRACTION, 0.1 * side) < place < side:
@@ -174,7 +174,7 @@ def _middle(frame: Frame, key: str, side: int) -> float:
     return place
 
 
-def _with_listed_distortion(frame: Frame) -> Frame:
+def _with_listed_distortion(frame: Entry) -> Entry:
     """With nerfstudio's list of distortion terms under their names."""
     listed = frame.values.get("distortion_params")
     if listed is None:
@@ -188,7 +188,7 @@ def _with_listed_distortion(frame: Frame) -> Frame:
     return dataclasses.replace(frame, values={**frame.values, **named})
 
 
-def check_one_size(frames: Sequence[Frame], lenses: Sequence[Lens]) -> None:
+def check_one_size(frames: Sequence[Entry], lenses: Sequence[Lens]) -> None:
     """Refuses one focal length in pixels for pictures of several sizes where no w and
     h says for which. Pictures may lie on their sides."""
     sizes: dict[Any, set[tuple[int, ...]]] = {}

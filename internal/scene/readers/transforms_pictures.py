@@ -17,8 +17,8 @@ from internal.files.listing import (
     say_once,
 )
 from internal.scene.pairing import some
-from internal.scene.readers.transforms_frames import (
-    Frame,
+from internal.scene.readers.transforms_entries import (
+    Entry,
     of_another_machine,
     read_camtoworld,
 )
@@ -27,7 +27,7 @@ from internal.scene.readers.transforms_frames import (
 Folders = dict[Path, dict[str, list[Path]]]
 
 
-def with_pictures(frames: Sequence[Frame], folders: Folders) -> list[Frame]:
+def with_pictures(frames: Sequence[Entry], folders: Folders) -> list[Entry]:
     """The frames without those test views whose photo is not there: benchmarks list
     pictures that they keep for themselves."""
     missing = [
@@ -44,7 +44,7 @@ def with_pictures(frames: Sequence[Frame], folders: Folders) -> list[Frame]:
     return [frame for frame in frames if frame not in missing]
 
 
-def find_picture(frame: Frame, folders: Folders) -> Path:
+def find_picture(frame: Entry, folders: Folders) -> Path:
     """The listed file; or the one of that stem, with any extension or case."""
     found = _alike(frame, folders)
     if found is None:
@@ -55,7 +55,7 @@ def find_picture(frame: Frame, folders: Folders) -> Path:
     return found
 
 
-def _alike(frame: Frame, folders: Folders) -> Path | None:
+def _alike(frame: Entry, folders: Folders) -> Path | None:
     path = find_file(frame.image_path)
     if is_file(path):
         return path
@@ -76,13 +76,20 @@ def _alike(frame: Frame, folders: Folders) -> Path | None:
 def _by_stem(folder: Path) -> dict[str, list[Path]]:
     """The pictures of a folder by their names up to the ending, in lower case."""
     found: dict[str, list[Path]] = {}
-    for path in folder.glob("*") if os.path.isdir(folder) else ():
-        if image_io.is_image(path) and is_file(path) and not is_metadata(path):
-            found.setdefault(composed(path.stem).casefold(), []).append(path)
+    for path in _pictures(folder) if os.path.isdir(folder) else ():
+        found.setdefault(composed(path.stem).casefold(), []).append(path)
     return found
 
 
-def name_unlisted(frames: Sequence[Frame]) -> None:
+def _pictures(folder: Path) -> list[Path]:
+    return [
+        path
+        for path in folder.glob("*")
+        if image_io.is_image(path) and is_file(path) and not is_metadata(path)
+    ]
+
+
+def name_unlisted(frames: Sequence[Entry]) -> None:
     """Names the pictures beside those of the frames that no frame lists."""
     listed = {frame.image_path.name for frame in frames}
     file = frames[0].json_path.name
@@ -90,11 +97,7 @@ def name_unlisted(frames: Sequence[Frame]) -> None:
         frames[0].values.get("train_filenames")
     )
     for folder in sorted({frame.image_path.parent for frame in frames}):
-        beside = sorted(
-            path.name
-            for path in folder.iterdir()
-            if image_io.is_image(path) and path.is_file() and not is_metadata(path)
-        )
+        beside = sorted(path.name for path in _pictures(folder))
         unlisted = [name for name in beside if name not in listed]
         if unlisted:
             say_once(
@@ -103,7 +106,7 @@ def name_unlisted(frames: Sequence[Frame]) -> None:
             )
 
 
-def name_outside(data_dir: Path, frames: Sequence[Frame]) -> None:
+def name_outside(data_dir: Path, frames: Sequence[Entry]) -> None:
     """Says so if pictures are taken from elsewhere though the scene has some of these
     names: a scene that was copied still lists those that it was copied from."""
     outside = [f for f in frames if not f.image_path.is_relative_to(data_dir)]
@@ -117,7 +120,7 @@ def name_outside(data_dir: Path, frames: Sequence[Frame]) -> None:
             )
 
 
-def check_repeated(unique: Mapping[Path, Frame], frames: Sequence[Frame]) -> None:
+def check_repeated(unique: Mapping[Path, Entry], frames: Sequence[Entry]) -> None:
     """Refuses a picture that is listed twice with two poses."""
     for frame in frames:
         last = unique[frame.image_path]

@@ -25,7 +25,7 @@ FOCAL_KEYS = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Frame:
+class Entry:
     """One entry of ``frames`` with the file-wide values it inherits."""
 
     json_path: Path
@@ -34,7 +34,7 @@ class Frame:
     is_test: bool
 
 
-def read_frames(path: Path, is_test: bool) -> list[Frame]:
+def read_entries(path: Path, is_test: bool) -> list[Entry]:
     """The entries of a file.
 
     Raises:
@@ -54,7 +54,7 @@ def read_frames(path: Path, is_test: bool) -> list[Frame]:
             raise UserError(f'{path}: frame {index} has no "file_path"')
         _check_own_size(path, shared, frame)
     return [
-        Frame(
+        Entry(
             path,
             dark_twin(locate(path.parent, f["file_path"])),
             _inherited(shared, f),
@@ -123,7 +123,7 @@ def of_another_machine(folder: Path, listed: str) -> Path | None:
     return None
 
 
-def number(frame: Frame, key: str, default: float) -> float:
+def number(frame: Entry, key: str, default: float) -> float:
     """A value of a frame; raises a UserError for one that is no finite number."""
     value = frame.values.get(key, default)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -135,7 +135,7 @@ def number(frame: Frame, key: str, default: float) -> float:
     return float(value)
 
 
-def read_camtoworld(frame: Frame) -> Float[np.ndarray, "3 4"]:
+def read_camtoworld(frame: Entry) -> Float[np.ndarray, "3 4"]:
     """A frame's pose, OpenGL; raises a UserError for what is no such matrix."""
     try:
         matrix = np.array(frame.values.get("transform_matrix"), np.float64)
