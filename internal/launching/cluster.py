@@ -124,25 +124,25 @@ def perform_in_job(run: Run) -> None:
         SystemExit: the run is not done.
     """
     code = run.perform()
-    if code == 128 + signal.SIGTERM:
-        queue_again(os.environ["SLURM_JOB_ID"])
+    if code == 128 + signal.SIGTERM and queue_again(os.environ["SLURM_JOB_ID"]):
+        time.sleep(WARNING)  # Slurm ends this try; an end of its own may fail the job
     if code:
         sys.exit(code)
 
 
-def queue_again(job: str) -> None:
-    """Has Slurm start a running job anew; asks as often as there is time for.
-
-    A job that is preempted, or that the user cancels, no longer runs.
+def queue_again(job: str) -> bool:
+    """Has Slurm start a running job anew; asks as often as there is time for. Whether
+    it will: a job that is preempted, or that the user cancels, no longer runs.
     """
     end = time.monotonic() + WARNING
     while time.monotonic() < end:
         known = states()
         if known and known.get(job) != "RUNNING":
-            return
+            return False
         if known and not subprocess.run(["scontrol", "requeue", job]).returncode:
-            return
+            return True
         time.sleep(PAUSE)
+    return False
 
 
 def states() -> dict[str, str] | None:
