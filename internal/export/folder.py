@@ -19,8 +19,9 @@ from internal.export.dataset import write_dataset
 from internal.export.density import Density, normals
 from internal.export.shapes import Cloud, Mesh
 from internal.export.sightings import Sighting, mean_colors
-from internal.export.splats import carry_over
+from internal.export.splats import Splats, carry_over
 from internal.files.made_folder import Facts
+from internal.poses import Similarity
 from internal.scene import colmap
 from internal.scene.scene import Scene
 
@@ -59,47 +60,61 @@ def write_all(
     Raises:
         UserError: no view ends on a surface.
     """
-    world_from_model = scene.model_from_world.inverse()
-    in_world = world_from_model.points
     cloud = find_cloud(scene, sightings, density, wanted.points)
     mesh = find_mesh(scene, sightings, density, cloud.points, wanted.resolution)
-
-    outwards = cloud.normals @ world_from_model.rotation.T
-    cloud = Cloud(in_world(cloud.points), outwards, cloud.colors)
-    mesh = dataclasses.replace(mesh, vertices=in_world(mesh.vertices))
+    cloud, mesh = _in_world(cloud, mesh, scene.model_from_world.inverse())
     shapes.write_cloud(folder / "points.ply", cloud)
     for name in ("mesh.ply", "mesh.glb"):
         shapes.write_mesh(folder / name, mesh)
-
     facts: Facts = {"views": float(len(sightings)), "points": float(len(cloud.points))}
     facts |= {"triangles": float(len(mesh.faces))}
-    for name, points in (("points", cloud.points), ("mesh", mesh.vertices)):
-        facts |= _bounds(name, points)
+    facts |= _bounds("points", cloud.points) | _bounds("mesh", mesh.vertices)
     if wanted.splats:
         looks = LOOKS[wanted.look]
         baked = bake(scene, sightings, between, density, wanted.splats, looks)
-        for look, splats in baked.items():
-            name = splats_name(look)
-            facts[name] = float(len(splats))
-            ours = carry_over(splats, world_from_model)
-            splat_files.write_ply(folder / f"{name}.ply", ours)
-            splat_files.write_glb(folder / f"{name}.glb", ours)
+        facts |= _write_splats(folder, baked, scene)
+    _write_dataset(folder / "dataset", scene, sightings, cloud)
+    return facts
 
+
+def _in_world(
+    cloud: Cloud, mesh: Mesh, world_from_model: Similarity
+) -> tuple[Cloud, Mesh]:
+    """Both in the frame of the scene's pose file."""
+    in_world = world_from_model.points
+    outwards = cloud.normals @ world_from_model.rotation.T
+    return (
+        Cloud(in_world(cloud.points), outwards, cloud.colors),
+        dataclasses.replace(mesh, vertices=in_world(mesh.vertices)),
+    )
+
+
+def _write_splats(folder: Path, baked: dict[str, Splats], scene: Scene) -> Facts:
+    """Writes each look as PLY and glTF; returns how many splats each has."""
+    facts: Facts = {}
+    for look, splats in baked.items():
+        name = splats_name(look)
+        facts[name] = float(len(splats))
+        ours = carry_over(splats, scene.model_from_world.inverse())
+        splat_files.write_ply(folder / f"{name}.ply", ours)
+        splat_files.write_glb(folder / f"{name}.glb", ours)
+    return facts
+
+
+def _write_dataset(
+    folder: Path, scene: Scene, sightings: Sequence[Sighting], cloud: Cloud
+) -> None:
+    """Writes the lit pictures with their cameras and some points of the cloud."""
     names = tuple(
         PurePosixPath(n).with_suffix(".png").as_posix() for n in scene.view_names
     )
     some = slice(None, None, -(-len(cloud.points) // COLMAP_POINTS))
     camtoworlds = np.asarray(scene.cameras.camtoworlds, np.float64)
-    model = colmap.Reconstruction(
-        names, scene.lenses,
-        world_from_model.poses(camtoworlds), cloud.points[some],
-    )  # fmt: skip
-    (folder / "dataset").mkdir()
+    poses = scene.model_from_world.inverse().poses(camtoworlds)
+    model = colmap.Reconstruction(names, scene.lenses, poses, cloud.points[some])
+    folder.mkdir()
     pictures = [sighting.srgb for sighting in sightings]
-    write_dataset(
-        folder / "dataset", pictures, model, cloud.colors[some], (scene.near, scene.far)
-    )
-    return facts
+    write_dataset(folder, pictures, model, cloud.colors[some], (scene.near, scene.far))
 
 
 def find_cloud(

@@ -84,36 +84,53 @@ def write_glb(path: Path, splats: Splats) -> None:
     Readers without the extension show coloured points (``COLOR_0``, which glTF wants
     in linear light).
     """
-    attributes = _attributes(splats)
-    parts, views, accessors = [], [], []
-    offset = 0
-    for name, values in attributes.items():
-        data = np.ascontiguousarray(values, "<f4")
-        views.append(
-            {
-                "buffer": 0,
-                "byteOffset": offset,
-                "byteLength": data.nbytes,
-                "target": ARRAY_BUFFER,
-            }
-        )
-        accessor: dict[str, Any] = {
-            "bufferView": len(views) - 1,
-            "componentType": FLOAT,
-            "count": len(data),
-            "type": TYPES[1 if data.ndim == 1 else data.shape[1]],
+    attributes = {
+        name: np.ascontiguousarray(values, "<f4")
+        for name, values in _attributes(splats).items()
+    }
+    text = json.dumps(_document(attributes), separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    size = sum(values.nbytes for values in attributes.values())
+    length = 12 + 8 + len(text) + 8 + size
+    with atomic.writing(path) as partial, partial.open("wb") as file:
+        file.write(struct.pack("<III", GLB_MAGIC, 2, length))
+        file.write(struct.pack("<II", len(text), JSON_CHUNK) + text)
+        file.write(struct.pack("<II", size, BINARY_CHUNK))
+        for values in attributes.values():
+            file.write(values.tobytes())
+
+
+def _document(attributes: dict[str, np.ndarray]) -> dict[str, Any]:
+    """The glTF's JSON: one mesh of points whose attributes follow each other in one
+    buffer."""
+    sizes = [values.nbytes for values in attributes.values()]
+    views = [
+        {
+            "buffer": 0,
+            "byteOffset": sum(sizes[:place]),
+            "byteLength": size,
+            "target": ARRAY_BUFFER,
         }
-        if name == "POSITION":
-            accessor |= {
-                "min": data.min(axis=0).astype(float).tolist(),
-                "max": data.max(axis=0).astype(float).tolist(),
-            }
-        accessors.append(accessor)
-        parts.append(data.tobytes())
-        offset += data.nbytes
+        for place, size in enumerate(sizes)
+    ]
+    accessors: list[dict[str, Any]] = [
+        {
+            "bufferView": place,
+            "componentType": FLOAT,
+            "count": len(values),
+            "type": TYPES[1 if values.ndim == 1 else values.shape[1]],
+        }
+        for place, values in enumerate(attributes.values())
+    ]
+    names = {name: place for place, name in enumerate(attributes)}
+    points = attributes["POSITION"]
+    accessors[names["POSITION"]] |= {
+        "min": points.min(axis=0).astype(float).tolist(),
+        "max": points.max(axis=0).astype(float).tolist(),
+    }
     primitive = {
         "mode": POINTS_MODE,
-        "attributes": {name: i for i, name in enumerate(attributes)},
+        "attributes": names,
         "extensions": {
             EXTENSION: {
                 "kernel": "ellipse",
@@ -123,7 +140,7 @@ def write_glb(path: Path, splats: Splats) -> None:
             }
         },
     }
-    document = {
+    return {
         "asset": {"version": "2.0", "generator": "llnerf-jax"},
         "extensionsUsed": [EXTENSION],
         "scene": 0,
@@ -132,15 +149,8 @@ def write_glb(path: Path, splats: Splats) -> None:
         "meshes": [{"primitives": [primitive]}],
         "accessors": accessors,
         "bufferViews": views,
-        "buffers": [{"byteLength": offset}],
+        "buffers": [{"byteLength": sum(sizes)}],
     }
-    text = json.dumps(document, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    length = 12 + 8 + len(text) + 8 + offset
-    with atomic.writing(path) as partial, partial.open("wb") as file:
-        file.write(struct.pack("<III", GLB_MAGIC, 2, length))
-        file.write(struct.pack("<II", len(text), JSON_CHUNK) + text)
-        file.write(struct.pack("<II", offset, BINARY_CHUNK) + b"".join(parts))
 
 
 def _attributes(splats: Splats) -> dict[str, Float[np.ndarray, "n ..."]]:

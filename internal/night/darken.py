@@ -28,6 +28,7 @@ from internal.scene.pairing import find_truth_folder
 from internal.scene.readers.base import SceneFiles
 
 TRUTH = "high"
+SHOWN = ("darkening", "photo")  # of the progress bar
 POSE_FILES = ("transforms*.json", "poses_bounds.npy", "sparse", "colmap")
 
 NO_JPEG = """Names that end in .jpg are
@@ -88,23 +89,22 @@ def darken(
         )
         (partial / "README.txt").write_text(text)
         truth = _truth_names(files.names, files.image_paths)
-        levels = {"dark_level": 0.0, "truth_level": 0.0}
-        count = len(files.image_paths)
-        shown = progress.track(files.image_paths, count, "darkening", "photo")
-        for view, source in enumerate(shown):
-            _copy(source, partial / TRUTH / truth[view])
+        levels = []
+        for view, name in enumerate(progress.track(truth, len(truth), *SHOWN)):
+            source, mask = files.image_paths[view], files.mask_paths[view]
+            _copy(source, partial / TRUTH / name)
+            if mask:
+                _copy(mask, partial / _inside(data_dir, mask))
             srgb = image_io.read_srgb(source, files.upright)
             dark = capture(color.srgb_to_linear(srgb), model, view_key(model, view))
             target = partial / image_io.writable(_inside(data_dir, source))
             target.parent.mkdir(parents=True, exist_ok=True)
-            mask_path = files.mask_paths[view]
-            if mask_path:
-                _copy(mask_path, partial / _inside(data_dir, mask_path))
             srgb_dark = color.quantize(dark / 255.0)
             _store(target, srgb_dark, opaque(files, view), jpeg_quality)
-            levels["dark_level"] += float(dark.mean()) / len(truth)
-            levels["truth_level"] += 255.0 * float(srgb.mean()) / len(truth)
-        return levels | {"views": len(truth)}
+            levels.append((float(dark.mean()), 255.0 * float(srgb.mean())))
+        dark_level, truth_level = np.mean(levels, axis=0).tolist()
+        facts: Facts = {"dark_level": dark_level, "truth_level": truth_level}
+        return facts | {"views": len(truth)}
 
     return make_folder(folder, settings, fill, overwrite=overwrite)
 

@@ -24,7 +24,7 @@ from internal.prepare.exposures import Exposures
 from internal.prepare.matching import Copy, Pairs
 from internal.prepare.report import Report, write_report
 from internal.prepare.scene_files import HOLDOUT
-from internal.prepare.summary import summarize, train_command
+from internal.prepare.summary import Findings, summarize, train_command
 from internal.scene import colmap, readers
 from internal.scene.loading import (
     check_lenses,
@@ -73,22 +73,18 @@ def check_scene(data_dir: Path, folder: Path) -> Report:
         colmap.scale_lens(e, c.width, c.height)
         for e, c in zip(lenses, copies, strict=True)
     ]
-    gains = _exposures(files, copies, pixels)
-    report, pictured = summarize(
-        files,
+    found = Findings(
         source=data_dir.resolve().name,
         photos=photos,
         total=count,
-        failed=(),
-        sharpness=dict(zip(files.names, relative.tolist(), strict=True)),
-        left_out=(),
-        tried=(),
         error=epipolar_error(files.camtoworlds, small, pixels),
         error_kind="median epipolar error",
-        exposures=gains,
+        sharpness=dict(zip(files.names, relative.tolist(), strict=True)),
+        exposures=_exposures(files, copies, pixels),
         truth=truth.reason,
         next_command=train_command(data_dir, lenses[0].width),
     )
+    report, pictured = summarize(files, found)
     try:
         write_report(report, pictured, folder)
     except OSError as error:

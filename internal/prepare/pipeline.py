@@ -35,11 +35,16 @@ from internal.prepare.brighten import copy_size, make_copy
 from internal.prepare.exposures import Exposures
 from internal.prepare.matching import Copy
 from internal.prepare.orient import scene_frame
-from internal.prepare.photos import Photo, find_photos, read_photo
+from internal.prepare.photos import Found, Photo, find_photos, read_photo
 from internal.prepare.reasons import second_scene, why_unplaced
 from internal.prepare.report import FOLDER, Report, Tried, read_report, write_report
 from internal.prepare.room import cannot_write
-from internal.prepare.summary import summarize, summarize_failure, train_command
+from internal.prepare.summary import (
+    Findings,
+    summarize,
+    summarize_failure,
+    train_command,
+)
 from internal.prepare.video_frames import extract_frames
 from internal.scene import colmap, readers
 from internal.scene.loading import ASPECT_TOLERANCE, GAINS_FILE
@@ -79,7 +84,64 @@ def prepare(inputs: Inputs, scene: Path, *, overwrite: bool) -> Report:
         raise cannot_write(scene, error) from error
 
 
+@dataclasses.dataclass(frozen=True)
+class _Placed:
+    """Photos with poses, and how these came about."""
+
+    found: Found
+    truth: tuple[Sequence[Path], str] | None  # of each photo, and how it was paired
+    copies: Sequence[Copy]
+    tried: Sequence[Attempt]  # the best first
+    failed: tuple[LeftOut, ...]
+
+
 def _prepare(inputs: Inputs, scene: Path) -> Report:
+    placed = _place(inputs, scene)
+    photos, truth, best = placed.found.photos, placed.truth, placed.tried[0]
+    views = best.models[0].views
+    pixels = matching.matched_pixels(best.database)
+    relative = _sharpness(photos, placed.copies, pixels)
+    left_out = sharpness.find_harmful(relative, pixels, views)
+    if inputs.keep_blurred:
+        left_out = []
+    model = mapping.without(best.models[0], left_out)
+    best = dataclasses.replace(best, models=(model,))
+    _copy_photos(scene, photos, truth[0] if truth else None, model.views)
+    gains = _estimate_exposures(photos, placed.copies, best)
+    names = [photos[view].scene_name for view in model.views]
+    exposures.write(gains, names, scene / GAINS_FILE)
+    _write_cameras(scene, photos, best)
+    source = inputs.photos.name
+    scene_files.write_readme(
+        scene, source, len(photos), len(names), has_truth=truth is not None
+    )
+    findings = Findings(
+        source=source,
+        photos=[p.statistics for v, p in enumerate(photos) if v not in left_out],
+        total=len(photos) + len(placed.found.rejected),
+        error=best.error,
+        error_kind="mean reprojection error",
+        sharpness={photos[v].name: float(relative[v]) for v in views},
+        exposures=gains,
+        truth=f"{inputs.truth}, paired by {truth[1]}" if truth else "none",
+        next_command=train_command(scene, photos[0].width),
+        failed=placed.failed,
+        left_out=tuple(photos[v].name for v in left_out),
+        tried=tuple(map(_tried, placed.tried)),
+    )
+    report, pictured = summarize(readers.read_files(scene, "auto", ""), findings)
+    write_report(report, pictured, scene / FOLDER)
+    finish_folder(scene, {"registered": float(report.registered)})
+    shutil.rmtree(scene / WORK)
+    return report
+
+
+def _place(inputs: Inputs, scene: Path) -> _Placed:
+    """Finds the photos and their poses.
+
+    Raises:
+        UserError: no scene comes of them; its report says why.
+    """
     work = scene / WORK
     folder = inputs.photos
     if folder.is_file():
@@ -109,47 +171,7 @@ def _prepare(inputs: Inputs, scene: Path) -> Report:
         )
         page = write_report(report, None, scene / FOLDER)
         raise UserError(f"{inputs.photos}: {problem} ({page})")
-
-    views = best.models[0].views
-    pixels = matching.matched_pixels(best.database)
-    relative = _sharpness(photos, copies, pixels)
-    left_out = sharpness.find_harmful(relative, pixels, views)
-    if inputs.keep_blurred:
-        left_out = []
-    model = mapping.without(best.models[0], left_out)
-    best = dataclasses.replace(best, models=(model,))
-    placed = [photos[view] for view in model.views]
-    _copy_photos(scene, photos, truth[0] if truth else None, model.views)
-    gains = _estimate_exposures(photos, copies, best)
-    names = [photo.scene_name for photo in placed]
-    exposures.write(gains, names, scene / GAINS_FILE)
-    _write_cameras(scene, photos, best)
-    scene_files.write_readme(
-        scene,
-        inputs.photos.name,
-        len(photos),
-        len(placed),
-        has_truth=truth is not None,
-    )
-    report, pictured = summarize(
-        readers.read_files(scene, "auto", ""),
-        source=inputs.photos.name,
-        photos=[p.statistics for v, p in enumerate(photos) if v not in left_out],
-        total=len(found.photos) + len(found.rejected),
-        failed=failed,
-        sharpness={photos[v].name: float(relative[v]) for v in views},
-        left_out=tuple(photos[v].name for v in left_out),
-        tried=tuple(map(_tried, tried)),
-        error=best.error,
-        error_kind="mean reprojection error",
-        exposures=gains,
-        truth=f"{inputs.truth}, paired by {truth[1]}" if truth else "none",
-        next_command=train_command(scene, photos[0].width),
-    )
-    write_report(report, pictured, scene / FOLDER)
-    finish_folder(scene, {"registered": float(report.registered)})
-    shutil.rmtree(work)
-    return report
+    return _Placed(found, truth, copies, tried, failed)
 
 
 def _copy_photos(

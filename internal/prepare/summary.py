@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gathers the numbers of a report from a scene that has poses."""
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -24,64 +25,59 @@ from internal.scene.readers.base import SceneFiles
 TRAINED_WIDTH = 500  # pixels: what a few minutes on a laptop train well
 
 
-def summarize(
-    files: SceneFiles,
-    *,
-    source: str,
-    photos: Sequence[PhotoStatistics],
-    total: int,
-    failed: tuple[LeftOut, ...],
-    sharpness: dict[str, float],
-    left_out: tuple[str, ...],
-    tried: tuple[Tried, ...],
-    error: float,
-    error_kind: str,
-    exposures: Exposures,
-    truth: str,
-    next_command: str,
-) -> tuple[Report, Pictured]:
-    """The report of a scene, and what its plots show.
+@dataclasses.dataclass(frozen=True)
+class Findings:
+    """What is known of a scene's photos and poses beside the scene itself."""
 
-    Args:
-        files: the scene as the trainer will read it.
-        photos: statistics of the usable ones that are not left out.
-        sharpness: of photos with a pose, NaN where unknown.
-        total: number of files that should have been photos.
-        error: in pixels of the copies; ``error_kind`` says between what.
-    """
+    source: str  # where the photos are from
+    photos: Sequence[PhotoStatistics]  # of the usable ones that are not left out
+    total: int  # files that should have been photos
+    error: float  # in pixels of the copies
+    error_kind: str  # what the error is between
+    sharpness: dict[str, float]  # of photos with a pose, NaN where unknown
+    exposures: Exposures
+    truth: str
+    next_command: str
+    failed: tuple[LeftOut, ...] = ()  # photos without a pose, and why
+    left_out: tuple[str, ...] = ()  # photos with a pose that do harm
+    tried: tuple[Tried, ...] = ()
+
+
+def summarize(files: SceneFiles, found: Findings) -> tuple[Report, Pictured]:
+    """The report of a scene as the trainer will read it, and what its plots show."""
     bounds = _bounds(files)
     geometry = Geometry(
         registered=len(files.names),
-        error=error,
+        error=found.error,
         points=len(files.points),
         angle=sweep_angle(files.camtoworlds),
         has_depth_range=bounds is not None,
     )
-    largest = float(np.abs(exposures.measured_stops).max())
-    stops = 0.0 if exposures.equal else largest
-    verdict = judge(geometry, photos, failed, stops)
+    largest = float(np.abs(found.exposures.measured_stops).max())
+    stops = 0.0 if found.exposures.equal else largest
+    verdict = judge(geometry, found.photos, found.failed, stops)
     report = Report(
-        source=source,
+        source=found.source,
         fit=verdict.fit,
-        photos=total,
+        photos=found.total,
         registered=geometry.registered,
-        failed=failed,
-        sharpness={n: s for n, s in sharpness.items() if np.isfinite(s)},
-        left_out=left_out,
-        tried=tried,
+        failed=found.failed,
+        sharpness={n: s for n, s in found.sharpness.items() if np.isfinite(s)},
+        left_out=found.left_out,
+        tried=found.tried,
         error=geometry.error,
-        error_kind=error_kind,
+        error_kind=found.error_kind,
         points=geometry.points,
         angle=geometry.angle,
         near=bounds.near if bounds else 0.0,
         far=bounds.far if bounds else 0.0,
-        **_light(photos),
+        **_light(found.photos),
         exposure_stops=largest,
-        truth=truth,
+        truth=found.truth,
         warnings=verdict.warnings,
-        next_command=next_command,
+        next_command=found.next_command,
     )
-    return report, _pictured(files, photos, exposures)
+    return report, _pictured(files, found.photos, found.exposures)
 
 
 def summarize_failure(
