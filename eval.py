@@ -43,7 +43,7 @@ def main(argv: Sequence[str]) -> int:
     model, state = load_trained(config, mesh)
     scene = cli.load_split(config, "test")
     run = Path(config.checkpoint_dir)
-    run_folder.check_scene(run, scene.identity)
+    run_folder.check_same_scene(run, scene.identity)
     renderer = Renderer(model, scene.cameras, scene.space, mesh, config.render.chunk)
     witnesses = evidence.call_witnesses(
         cli.load_split(config, "train"),

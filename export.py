@@ -48,7 +48,7 @@ def main(argv: Sequence[str]) -> int:
     model, state = load_trained(config, mesh)
     run = Path(config.checkpoint_dir)
     photographed = cli.load_split(config, "train")
-    run_folder.check_scene(run, photographed.identity, scored=False)
+    run_folder.check_same_scene(run, photographed.identity, scored=False)
     scene = undistorted(photographed)
     renderer = Renderer(model, scene.cameras, scene.space, mesh, config.render.chunk)
     density = make_density(model, state.params, footprint=1.0 / wanted.resolution)

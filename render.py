@@ -52,7 +52,7 @@ def main(argv: Sequence[str]) -> int:
     model, state = load_trained(config, mesh)
     scene = cli.load_split(config, "train")
     run = Path(config.checkpoint_dir)
-    run_folder.check_scene(run, scene.identity, scored=False)
+    run_folder.check_same_scene(run, scene.identity, scored=False)
     cameras = path_cameras(scene, render)
     renderer = Renderer(model, cameras, scene.space, mesh, render.chunk)
     first_view = scene.cameras.take(np.array([0]))

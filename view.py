@@ -31,7 +31,7 @@ def main(argv: Sequence[str]) -> int:
     check_free(args.host, args.port)
     config = cli.start_trained(args)
     run, scene = Path(config.checkpoint_dir), cli.load_split(config, "train")
-    run_folder.check_scene(run, scene.identity, scored=False)
+    run_folder.check_same_scene(run, scene.identity, scored=False)
     studio = Studio(config, scene)
     bakery = None if args.no_splats else Bakery(studio, run, args.splats)
     server = Server(config, studio, args.host, args.port, bakery)

@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks import workload
 from internal import cli, flags
 from internal.viewer.free_camera import FreeCamera
-from internal.viewer.session import Frame, Session
+from internal.viewer.session import Delivery, Session
 from internal.viewer.studio import Studio
 
 ASPECT = 4.0 / 3.0  # of the window
@@ -35,9 +35,9 @@ STOPS = 5
 class Screen:
     """Notes when each picture arrived and how large it was."""
 
-    frames: list[tuple[float, Frame]] = dataclasses.field(default_factory=list)
+    frames: list[tuple[float, Delivery]] = dataclasses.field(default_factory=list)
 
-    def show(self, frame: Frame) -> None:
+    def show(self, frame: Delivery) -> None:
         """Takes a picture."""
         self.frames.append((time.perf_counter(), frame))
 
@@ -99,7 +99,7 @@ def circling(camera: FreeCamera, seconds: float, radius: float) -> FreeCamera:
     return dataclasses.replace(camera, camtoworld=pose)
 
 
-def size(frames: list[Frame]) -> str:
+def size(frames: list[Delivery]) -> str:
     """The median picture's."""
     shapes = sorted(frame.picture.shape for frame in frames)
     height, width, _ = shapes[len(shapes) // 2]

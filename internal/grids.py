@@ -21,7 +21,7 @@ _PRIMES = (1, 2654435761, 805459861)  # of the spatial hash, one per axis
 
 
 @dataclasses.dataclass(frozen=True)
-class Level:
+class Grid:
     """One grid of the pyramid and its part of the table."""
 
     resolution: int  # cells along an axis
@@ -33,13 +33,13 @@ class Level:
         return (self.resolution + 1) ** 3 > self.rows
 
 
-def make_levels(resolutions: tuple[int, ...], max_rows: int) -> tuple[Level, ...]:
+def make_levels(resolutions: tuple[int, ...], max_rows: int) -> tuple[Grid, ...]:
     """Levels end to end in one table; more than ``max_rows`` vertices are hashed."""
-    levels: list[Level] = []
+    levels: list[Grid] = []
     start = 0
     for resolution in resolutions:
         rows = min((resolution + 1) ** 3, max_rows)
-        levels.append(Level(resolution, start, rows))
+        levels.append(Grid(resolution, start, rows))
         start += rows
     return tuple(levels)
 
@@ -50,7 +50,7 @@ def geometric_resolutions(coarsest: int, finest: int, count: int) -> tuple[int, 
 
 
 def vertices(
-    position: Float[Array, "n 3"], levels: tuple[Level, ...]
+    position: Float[Array, "n 3"], levels: tuple[Grid, ...]
 ) -> tuple[list[Int[Array, "levels n"]], list[Float[Array, "levels n"]]]:
     """Table rows and barycentric weights of the four vertices around positions.
 
@@ -96,7 +96,7 @@ def vertices(
 def lookup(
     table: Float[Array, "rows f"],
     position: Float[Array, "n 3"],
-    levels: tuple[Level, ...],
+    levels: tuple[Grid, ...],
 ) -> Float[Array, "levels n f"]:
     """Interpolates every level at positions in [0, 1]^3 (Instant NGP Sec. 3).
 
@@ -132,7 +132,7 @@ _interpolate.defvjp(_interpolate_forward, _interpolate_backward)
 
 
 def seen_fraction(
-    std: Float[Array, " n"], levels: tuple[Level, ...]
+    std: Float[Array, " n"], levels: tuple[Grid, ...]
 ) -> Float[Array, "levels n"]:
     """How much of each level's detail a footprint leaves: the part of a Gaussian of
     ``std`` (in units of the cube) that lies inside one cell (Zip-NeRF Sec. 2)."""

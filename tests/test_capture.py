@@ -17,7 +17,7 @@ from internal.night.capture import (
     NORMAL_LIGHT,
     CaptureModel,
     capture,
-    expose,
+    collect,
     photon_noise,
     read_noise,
     sense,
@@ -97,7 +97,7 @@ def test_more_exposure_is_never_darker(one, other):
 
 
 def test_exposure_is_linear():
-    np.testing.assert_allclose(expose(RAMP, 0.1), 0.1 * RAMP, rtol=1e-6)
+    np.testing.assert_allclose(collect(RAMP, 0.1), 0.1 * RAMP, rtol=1e-6)
 
 
 def test_channels_differ_by_their_gains():

@@ -29,7 +29,7 @@ from internal.prepare import (
     statistics,
 )
 from internal.prepare.checking import epipolar_error, neighbours
-from internal.prepare.mapping import Model
+from internal.prepare.mapping import Mapped
 from internal.prepare.orient import DISTANCE, scene_frame
 from internal.prepare.photos import find_photos
 from internal.prepare.pipeline import NOTES
@@ -228,7 +228,7 @@ def attempt_on(views, points):
     options = pycolmap.SyntheticDatasetOptions(
         num_rigs=1, num_frames_per_rig=views, num_points3D=points
     )
-    model = Model(pycolmap.synthesize_dataset(options), tuple(range(views)))
+    model = Mapped(pycolmap.synthesize_dataset(options), tuple(range(views)))
     return attempts.Attempt(attempts.WAYS[0], Path(), (model,))
 
 

@@ -91,12 +91,12 @@ def test_what_changed_of_the_scene_is_counted_and_refused(
     name = list(other["views"])[2]
     other["views"][name][key] = change(other["views"][name][key])
     with pytest.raises(UserError, match=f"{words} .{name}"):
-        run_folder.check_scene(tmp_path / "run", other)
-    run_folder.check_scene(tmp_path / "run", other, scored=False)
+        run_folder.check_same_scene(tmp_path / "run", other)
+    run_folder.check_same_scene(tmp_path / "run", other, scored=False)
     assert words in capsys.readouterr().out
     other["bounds"][0] *= 1.1
     with pytest.raises(UserError, match=words):
-        run_folder.check_scene(tmp_path / "run", other, scored=False)
+        run_folder.check_same_scene(tmp_path / "run", other, scored=False)
 
 
 def test_views_that_come_and_go_and_a_frame_alone_are_named(scene):
@@ -123,7 +123,7 @@ def test_a_torn_scene_file_is_one_line(tmp_path, scene):
     begin(tmp_path / "run", scene)
     (tmp_path / "run" / "scene.json").write_text('{"views": {}')
     with pytest.raises(UserError, match=r"scene\.json: cannot be read"):
-        run_folder.check_scene(tmp_path / "run", scene)
+        run_folder.check_same_scene(tmp_path / "run", scene)
 
 
 HOLD = """

@@ -20,9 +20,9 @@ from internal.enhancements.tone import (
     Curve,
     Tone,
     ToneNetwork,
-    develop,
     response,
     saturate,
+    tone_map,
 )
 from internal.structs import Colored, Level, Lit, LitRendering
 from internal.training.optimizer import make_optimizer
@@ -67,12 +67,12 @@ def test_saturation_keeps_luminance_and_gray_and_one_is_identity():
 def test_develop_is_gain_then_response_in_linear_light():
     tone = Curve(5.0, jnp.float32(1.0), 1.3, 1.0)
     expected = linear_to_srgb(response(32.0 * srgb_to_linear(DARK), 1.3, 1.0))
-    np.testing.assert_allclose(develop(DARK, tone, NEUTRAL), expected, rtol=1e-5)
+    np.testing.assert_allclose(tone_map(DARK, tone, NEUTRAL), expected, rtol=1e-5)
 
 
 def test_strength_goes_from_the_dark_colour_to_the_developed_one():
     def lit(strength):
-        return develop(DARK, BRIGHT, Look(strength=strength).edit())[:2]
+        return tone_map(DARK, BRIGHT, Look(strength=strength).edit())[:2]
 
     np.testing.assert_allclose(lit(0.0), DARK[:2], rtol=1e-6)
     assert jnp.all((lit(0.0) < lit(0.5)) & (lit(0.5) < lit(1.0)))
@@ -80,7 +80,7 @@ def test_strength_goes_from_the_dark_colour_to_the_developed_one():
 
 def test_develop_has_finite_gradients_in_the_dark():
     def brightness(dark, saturation):
-        return jnp.mean(develop(dark, Curve(5.0, saturation, 1.3, 1.5), NEUTRAL))
+        return jnp.mean(tone_map(dark, Curve(5.0, saturation, 1.3, 1.5), NEUTRAL))
 
     gradients = jax.grad(brightness, argnums=(0, 1))(DARK, jnp.float32(1.3))
     assert all(np.all(np.isfinite(x)) for x in gradients)

@@ -28,7 +28,7 @@ from internal.configs import Config, ModelConfig, load_config
 from internal.coord import Unbounded
 from internal.enhancements.gamma import Gamma, GammaLit
 from internal.enhancements.look import Look
-from internal.enhancements.tone import Curve, develop
+from internal.enhancements.tone import Curve, tone_map
 from internal.errors import UserError
 from internal.files import image_io
 from internal.models import Model
@@ -40,11 +40,11 @@ from internal.scene.config import SceneConfig
 from internal.scene.scene import Scene, load_scene
 from internal.structs import LitRendering
 from internal.viewer import takes
-from internal.viewer.canvas import PHOTO, Choice, draw, photo_through
+from internal.viewer.canvas import PHOTO, Split, draw, photo_through
 from internal.viewer.free_camera import PIXELS, FreeCamera, single_camera, vertical_fov
 from internal.viewer.gate import Gate, fits
 from internal.viewer.inquiry import Inquiry
-from internal.viewer.jobs import Job, Runnable, Speedometer, Task
+from internal.viewer.jobs import Runnable, Series, Speedometer, Task
 from internal.viewer.panel import is_double
 from internal.viewer.server import Server
 from internal.viewer.session import Session
@@ -273,7 +273,7 @@ COLOURS = [(0.6, 0.5, 0.45), (0.2, 0.3, 0.4), (0.05, 0.05, 0.04)]
 
 def tone_pixel(dark, look):
     curve = Curve(3.0, jnp.asarray(1.4), 1.3, 1.5)
-    return develop(np.array(dark) / 4, curve, look.edit())
+    return tone_map(np.array(dark) / 4, curve, look.edit())
 
 
 def gamma_pixel(dark, look):
@@ -312,11 +312,11 @@ def test_a_pick_undoes_the_light_that_turned_a_gray_picture(studio, page):
 def test_a_split_shows_one_output_on_each_side():
     picture = jax_like(rendering(40 * 30), 30, 40)
     photo = np.ones((30, 40, 3), np.float32)
-    choice = Choice("enhanced", "dark", 0.25)
+    choice = Split("enhanced", "dark", 0.25)
     drawn = draw(picture, DISPLAY, choice, {})
     assert (drawn[:, :9] == 128).all()  # 0.5
     assert (drawn[:, 10:] == 13).all()  # 0.05
-    whole = draw(picture, DISPLAY, Choice(PHOTO), {PHOTO: photo})
+    whole = draw(picture, DISPLAY, Split(PHOTO), {PHOTO: photo})
     assert (whole == 255).all()
 
 
@@ -324,7 +324,7 @@ def test_evidence_is_asked_for_once_by_whoever_wants_it_and_then_shown(studio, p
     page.session.stand(CAMERA)
     work(studio)
     rendered = len(studio.edits)
-    page.session.choose(Choice(EVIDENCE))
+    page.session.choose(Split(EVIDENCE))
     studio.turns.take_one()
     assert (page.frames[-1].picture == 13).all()  # dark, 0.05
     work(studio)
@@ -333,14 +333,14 @@ def test_evidence_is_asked_for_once_by_whoever_wants_it_and_then_shown(studio, p
     colors = {tuple(band.rgb) for band in LEGEND}
     assert {tuple(c) for c in page.frames[-1].picture.reshape(-1, 3)} <= colors
     assert len(page.messages) == 1 and "asking" in page.messages[0]
-    page.session.choose(Choice("dark", EVIDENCE))
+    page.session.choose(Split("dark", EVIDENCE))
     work(studio)
     assert len(studio.edits) == rendered + photos
 
 
 def test_a_snapshot_of_evidence_shows_its_colours(studio, page, tmp_path):
     page.session.stand(CAMERA)
-    page.session.choose(Choice(EVIDENCE))
+    page.session.choose(Split(EVIDENCE))
     work(studio)
     page.session.snapshot(tmp_path)
     work(studio)
@@ -351,7 +351,7 @@ def test_a_snapshot_of_evidence_shows_its_colours(studio, page, tmp_path):
 
 def test_rays_without_a_colour_are_black():
     picture = jax_like(rendering(12, np.nan), 3, 4)
-    drawn = draw(picture, DISPLAY, Choice(), {})
+    drawn = draw(picture, DISPLAY, Split(), {})
     assert (drawn == 0).all()
 
 
@@ -434,7 +434,7 @@ def test_a_job_may_be_stepped_at_any_pace():
     done = []
     cameras = [single_camera(POSE, CAMERA.lens(9000)) for _ in range(2)]
     speed = Speedometer(1.0)
-    job = Job([Task(c, parts_of(c), speed) for c in cameras], done.append)
+    job = Series([Task(c, parts_of(c), speed) for c in cameras], done.append)
     steps = 0
     while not job.done:
         job.step()

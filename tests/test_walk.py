@@ -22,7 +22,7 @@ from internal.rendering.pictures import Display
 from internal.structs import Level
 from internal.training.step import initial_state
 from internal.viewer.baking import Bakery, Walkable
-from internal.viewer.canvas import NOTHING, PHOTO, Choice
+from internal.viewer.canvas import NOTHING, PHOTO, Split
 from internal.viewer.free_camera import FreeCamera
 from internal.viewer.sharing import Turns
 from internal.viewer.splats import Baked, recolorer
@@ -112,9 +112,9 @@ def test_splats_of_a_plain_field_keep_their_colours(tiny_config):
 
 def test_splats_show_the_lit_and_the_dark_picture_and_no_other():
     look = Look(exposure=1.0)
-    assert look_shown(Choice("enhanced", NOTHING), look) == look
-    assert look_shown(Choice("dark", NOTHING), look) == Look(strength=0.0)
-    for choice in (Choice("depth"), Choice("enhanced", PHOTO), Choice(PHOTO)):
+    assert look_shown(Split("enhanced", NOTHING), look) == look
+    assert look_shown(Split("dark", NOTHING), look) == Look(strength=0.0)
+    for choice in (Split("depth"), Split("enhanced", PHOTO), Split(PHOTO)):
         assert look_shown(choice, look) is None
 
 

@@ -102,11 +102,11 @@ class ToneNetwork(nn.Module):
         return Curve(config.stops or 0.0, saturation, config.contrast, config.shoulder)
 
     def __call__(self, level: Level, edit: LightEdit) -> Lit:
-        return Lit(develop(level.rgb, self.curve(), edit))
+        return Lit(tone_map(level.rgb, self.curve(), edit))
 
     def relight(self, rendering: LitRendering, edit: LightEdit) -> Lit:
         """Everything anew: the curve needs the dark pixels alone."""
-        return Lit(develop(rendering.rgb, self.curve(), edit))
+        return Lit(tone_map(rendering.rgb, self.curve(), edit))
 
 
 def saturate(
@@ -133,7 +133,7 @@ def response(
     return power / (1.0 + power**shoulder) ** (1.0 / shoulder)
 
 
-def develop(
+def tone_map(
     dark_srgb: Float[Array | np.ndarray, "*b 3"], curve: Curve, edit: LightEdit
 ) -> Float[Array, "*b 3"]:
     """The enhanced colour of a dark one, both sRGB, under the user's light edit.

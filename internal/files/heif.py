@@ -30,7 +30,7 @@ STATED = b"colrnclx"  # before the codes of H.273
 
 
 @dataclasses.dataclass(frozen=True)
-class Photo:
+class Decoded:
     """A decoded photo."""
 
     pixels: Float[np.ndarray, "h w channels"]  # 1 to 4 channels in [0, 1], alpha last
@@ -45,7 +45,7 @@ def is_heif(path: Path) -> bool:
     return start[4:8] == b"ftyp" and start[8:12] in BRANDS
 
 
-def read(path: Path) -> Photo:
+def read(path: Path) -> Decoded:
     """Decodes the photo: HEIF at its full depth, AVIF at 8 bits.
 
     Raises:
@@ -56,7 +56,7 @@ def read(path: Path) -> Photo:
         one = _white(image.info.get("bit_depth", 8), pixels.dtype)
         icc = image.info.get("icc_profile") or b""
     pixels = pixels.astype(np.float32) / np.float32(one)
-    return Photo(np.atleast_3d(pixels), icc, _codes(path))
+    return Decoded(np.atleast_3d(pixels), icc, _codes(path))
 
 
 def read_size(path: Path) -> tuple[int, int]:

@@ -53,7 +53,7 @@ def write_video(
 
 
 @dataclasses.dataclass(frozen=True)
-class Frame:
+class Still:
     """One picture of a video, upright, which is brought to sRGB when asked."""
 
     time: float  # seconds
@@ -85,7 +85,7 @@ class Frame:
         return frame.reformat(format=layout, src_colorspace=matrix).to_ndarray()
 
 
-def read_video(path: Path) -> Iterator[Frame]:
+def read_video(path: Path) -> Iterator[Still]:
     """Yields each frame; videos of HDR and of wide gamut are said to be so.
 
     Raises:
@@ -103,7 +103,7 @@ def read_video(path: Path) -> Iterator[Frame]:
                 if index == 0:  # what only the frames state is known now
                     encoding = _encoding(path, codec)
                 turns, time = round(frame.rotation / 90), frame.time or 0.0
-                yield Frame(time, frame, encoding, turns)
+                yield Still(time, frame, encoding, turns)
             stated = _seconds(container)
     except (FFmpegError, IndexError) as error:
         raise UserError(

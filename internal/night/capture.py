@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A camera in the dark: from linear light to the noisy 8-bit picture it stores.
 
-Equations run in the order light takes them: ``expose``, ``photon_noise``,
+Equations run in the order light takes them: ``collect``, ``photon_noise``,
 ``read_noise``, ``apply_gains``, then clip, sRGB curve and 8-bit rounding
 (``encode``). ``linear_rgb`` is ``[..., 3]`` linear light in which 1 is the white of
 the normal-light picture, for which the sensor counts ``full_well`` electrons. Keys
@@ -53,7 +53,7 @@ def view_key(model: CaptureModel, view: int) -> Key[Array, ""]:
     return jax.random.fold_in(jax.random.key(model.seed), view)
 
 
-def expose(linear_rgb: ArrayLike, exposure: float) -> Float[Array, "..."]:
+def collect(linear_rgb: ArrayLike, exposure: float) -> Float[Array, "..."]:
     """Linear light that falls in during ``exposure`` of the normal-light time."""
     return jnp.asarray(linear_rgb) * exposure
 
@@ -92,7 +92,7 @@ def sense(
     ``gain² · (exposure · linear_rgb / full_well + (read_noise / full_well)²)``.
     """
     photon_key, read_key = jax.random.split(key)
-    light = expose(linear_rgb, model.exposure)
+    light = collect(linear_rgb, model.exposure)
     if math.isfinite(model.full_well):
         light = photon_noise(light, model.full_well, photon_key)
         light = read_noise(light, model.read_noise, model.full_well, read_key)

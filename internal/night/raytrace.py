@@ -111,7 +111,7 @@ def unit_point(
     return jnp.sum(affine[:, :3] * point[None], axis=1) + affine[:, 3]
 
 
-def normals(
+def surface_normals(
     solids: Solids, index: Int[Array, " rays"], unit: Float[Array, "3 rays"]
 ) -> Float[Array, "3 rays"]:
     """World-frame unit normals at points given in the frames of their solids."""

@@ -67,7 +67,7 @@ def first_surface(
     return Surface(
         t=t,
         point=point,
-        normal=raytrace.normals(world.solids, index, unit),
+        normal=raytrace.surface_normals(world.solids, index, unit),
         albedo=textures.albedo(material, unit, unit * half_size),
         roughness=material.roughness,
         metalness=material.metalness,

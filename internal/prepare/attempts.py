@@ -18,7 +18,7 @@ from internal.files import image_io
 from internal.prepare import mapping, matching
 from internal.prepare.brighten import AS_IT_IS, Recipe, make_copy
 from internal.prepare.checks import rests_on_points
-from internal.prepare.mapping import Model
+from internal.prepare.mapping import Mapped
 from internal.prepare.matching import Copy
 
 ENOUGH = 0.98  # of the photos: no further way is tried
@@ -61,7 +61,7 @@ class Attempt:
 
     way: Way
     database: Path
-    models: tuple[Model, ...]  # the largest first; may be none
+    models: tuple[Mapped, ...]  # the largest first; may be none
 
     @property
     def registered(self) -> int:

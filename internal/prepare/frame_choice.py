@@ -36,7 +36,7 @@ Copy = UInt8[np.ndarray, "96 128"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Choice:
+class ChosenFrames:
     """What was chosen of a video and why not the rest."""
 
     chosen: tuple[int, ...]  # numbers of frames
@@ -54,7 +54,7 @@ class Choice:
         )
 
 
-def choose(copies: Sequence[Copy], sharpness: Sequence[float]) -> Choice:
+def choose(copies: Sequence[Copy], sharpness: Sequence[float]) -> ChosenFrames:
     """Goes through a video in steps of motion; takes the sharpest frame of each."""
     sharp = np.asarray(sharpness)
     best = ndimage.maximum_filter1d(sharp, NEARBY)
@@ -65,7 +65,7 @@ def choose(copies: Sequence[Copy], sharpness: Sequence[float]) -> Choice:
         if len(chosen) < ENOUGH:
             chosen = _walk(taken, sharp[clear], 0.5**halving)
     moved = [motion(taken[a], taken[b]) for a, b in itertools.pairwise(chosen)]
-    return Choice(
+    return ChosenFrames(
         tuple(clear[i] for i in chosen),
         len(copies) - len(clear),
         len(clear) - len(chosen),

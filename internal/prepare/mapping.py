@@ -39,7 +39,7 @@ class Observations:
 
 
 @dataclasses.dataclass(frozen=True)
-class Model:
+class Mapped:
     """One reconstruction; ``native`` is pycolmap's and is never changed in place."""
 
     native: pycolmap.Reconstruction
@@ -56,7 +56,7 @@ class Model:
         return int(self.native.num_points3D())
 
 
-def map_incrementally(database: Path, work: Path, views: int) -> list[Model]:
+def map_incrementally(database: Path, work: Path, views: int) -> list[Mapped]:
     """Adds view after view, from the best pair on; shows progress.
 
     Returns:
@@ -86,7 +86,7 @@ def map_incrementally(database: Path, work: Path, views: int) -> list[Model]:
     return models
 
 
-def map_globally(database: Path, work: Path, views: int) -> list[Model]:
+def map_globally(database: Path, work: Path, views: int) -> list[Mapped]:
     """Places all views at once (GLOMAP); the order of results is as above."""
     options = pycolmap.GlobalPipelineOptions(
         num_threads=1, random_seed=SEED, min_model_size=FEWEST_IMAGES
@@ -124,7 +124,7 @@ def triangulate(
     return np.array(points, np.float64).reshape(-1, 3)
 
 
-def focal_lengths(model: Model) -> dict[int, float]:
+def focal_lengths(model: Mapped) -> dict[int, float]:
     """Focal length of each view, in pixels of its copy."""
     images = [model.native.image(number) for number in model.native.reg_image_ids()]
     return {
@@ -133,7 +133,7 @@ def focal_lengths(model: Model) -> dict[int, float]:
     }
 
 
-def own_focal_lengths(model: Model) -> dict[int, float]:
+def own_focal_lengths(model: Mapped) -> dict[int, float]:
     """What ``focal_lengths`` would be with a lens for each view: poses, points and
     lenses of the model are adjusted together."""
     given = model.native
@@ -158,19 +158,19 @@ def own_focal_lengths(model: Model) -> dict[int, float]:
     problem.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     # pycolmap.bundle_adjustment does the same and turns COLMAP's log on for good.
     pycolmap.create_default_bundle_adjuster(options, problem, freed).solve()
-    return focal_lengths(Model(freed, model.views))
+    return focal_lengths(Mapped(freed, model.views))
 
 
-def without(model: Model, views: Collection[int]) -> Model:
+def without(model: Mapped, views: Collection[int]) -> Mapped:
     """The model without some of its views, and without points that only these saw."""
     rest = pycolmap.Reconstruction(model.native)
     for image in list(rest.images.values()):
         if image.has_pose and view_of(image.name) in views:
             rest.deregister_frame(image.frame_id)
-    return Model(rest, tuple(view for view in model.views if view not in views))
+    return Mapped(rest, tuple(view for view in model.views if view not in views))
 
 
-def observations(model: Model) -> Observations:
+def observations(model: Mapped) -> Observations:
     """All sightings of the model's points."""
     reconstruction = model.native
     rows = [
@@ -186,7 +186,7 @@ def observations(model: Model) -> Observations:
 
 
 def write_model(
-    model: Model,
+    model: Mapped,
     folder: Path,
     names: Sequence[str],
     sizes: Sequence[tuple[int, int]],
@@ -218,7 +218,7 @@ def write_model(
         reconstruction.write_binary(str(folder))
 
 
-def camera_poses(model: Model) -> Float[np.ndarray, "n 3 4"]:
+def camera_poses(model: Mapped) -> Float[np.ndarray, "n 3 4"]:
     """OpenGL camera-to-world poses of ``model.views``."""
     images = sorted(
         (model.native.image(i) for i in model.native.reg_image_ids()),
@@ -228,7 +228,7 @@ def camera_poses(model: Model) -> Float[np.ndarray, "n 3 4"]:
     return colmap.other_axes(np.stack(matrices))
 
 
-def point_positions(model: Model) -> Float[np.ndarray, "m 3"]:
+def point_positions(model: Mapped) -> Float[np.ndarray, "m 3"]:
     """Positions of the sparse points, in the order of ``Observations.points``."""
     ids = sorted(model.native.point3D_ids())
     return np.array([model.native.point3D(i).xyz for i in ids]).reshape(-1, 3)
@@ -241,9 +241,9 @@ def _output(work: Path) -> Path:
     return folder
 
 
-def _by_size(found: dict[int, pycolmap.Reconstruction]) -> list[Model]:
+def _by_size(found: dict[int, pycolmap.Reconstruction]) -> list[Mapped]:
     models = [
-        Model(r, tuple(sorted(view_of(r.image(i).name) for i in r.reg_image_ids())))
+        Mapped(r, tuple(sorted(view_of(r.image(i).name) for i in r.reg_image_ids())))
         for r in found.values()
     ]
     return sorted(models, key=lambda m: (-len(m.views), m.error))

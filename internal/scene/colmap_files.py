@@ -50,7 +50,7 @@ class Image:
 
 
 @dataclasses.dataclass(frozen=True)
-class Model:
+class StoredModel:
     """What the three files of a model state."""
 
     cameras: dict[int, Lens]
@@ -78,7 +78,7 @@ def _endings(folder: Path) -> list[str]:
     ]
 
 
-def read_files(folder: Path) -> Model:
+def read_files(folder: Path) -> StoredModel:
     """Reads a model.
 
     Raises:
@@ -109,7 +109,7 @@ def read_files(folder: Path) -> Model:
     rows = np.array(points, np.float64).reshape(-1, 7)
     if not np.isfinite(rows[:, :3]).all():
         raise _unreadable(folder / f"points3D{ending}", "a point is not finite")
-    return Model(
+    return StoredModel(
         cameras, images, rows[:, :3], rows[:, 3:6].astype(np.uint8), rows[:, 6]
     )
 

@@ -41,7 +41,7 @@ class Bounds:
 
 
 @dataclasses.dataclass(frozen=True)
-class Frame:
+class ModelFrame:
     """The frame a model is trained in."""
 
     space: Space
@@ -102,7 +102,7 @@ def choose_frame(
     bounds: Bounds,
     projection: str,
     end_at_far: bool,
-) -> Frame:
+) -> ModelFrame:
     """Decides how space is parameterised, and moves the world to suit it.
 
     Args:
@@ -189,14 +189,14 @@ def visible_distances(
 
 def _forward_facing(
     files: SceneFiles, lens: Lens, near: float, t_far: float, reason: str
-) -> Frame:
+) -> ModelFrame:
     fx, fy = colmap.focal_lengths(lens)
     scale = jnp.array([2.0 * fx / lens.width, 2.0 * fy / lens.height])
     model_from_world = poses.forward_facing_frame(files.camtoworlds, near)
-    return Frame(ForwardFacing(scale, t_far), model_from_world, f"ndc ({reason})")
+    return ModelFrame(ForwardFacing(scale, t_far), model_from_world, f"ndc ({reason})")
 
 
-def _unbounded(files: SceneFiles, bounds: Bounds, reason: str) -> Frame:
+def _unbounded(files: SceneFiles, bounds: Bounds, reason: str) -> ModelFrame:
     centres = files.camtoworlds[:, :, 3]
     if np.ptp(centres, axis=0).max() == 0.0:
         raise UserError(
@@ -206,4 +206,4 @@ def _unbounded(files: SceneFiles, bounds: Bounds, reason: str) -> Frame:
     model_from_world = poses.unbounded_frame(files.camtoworlds)
     scale = model_from_world.scale
     space = Unbounded(jnp.float32(bounds.near * scale), jnp.float32(bounds.far * scale))
-    return Frame(space, model_from_world, f"contract ({reason})")
+    return ModelFrame(space, model_from_world, f"contract ({reason})")

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from internal.cameras import Lens
-from internal.scene.extent import Bounds, Frame
+from internal.scene.extent import Bounds, ModelFrame
 from internal.scene.readers.base import SceneFiles
 
 TOLERANCE = 1e-6  # relative: libraries differ in the last digit
@@ -30,7 +30,7 @@ def identify(
     is_test: Bool[np.ndarray, " n"],
     gains: Float[np.ndarray, "n 3"],
     bounds: Bounds,
-    frame: Frame,
+    frame: ModelFrame,
 ) -> Identity:
     """The identity of a scene of these views; reads every photo's bytes."""
     views = {

@@ -28,7 +28,7 @@ from internal.scene.colmap import lens_table
 from internal.scene.config import SceneConfig
 from internal.scene.extent import (
     Bounds,
-    Frame,
+    ModelFrame,
     choose_frame,
     find_bounds,
     known_bounds,
@@ -123,7 +123,7 @@ class _Layout:
     is_test: Bool[np.ndarray, " n"]
     has_photo: Bool[np.ndarray, " n"]  # a dark one; else truth alone
     bounds: Bounds
-    frame: Frame
+    frame: ModelFrame
     truth: Truth
     gains: Float[np.ndarray, "n 3"]
     masks: tuple[Mask, ...]

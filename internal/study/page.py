@@ -22,14 +22,14 @@ TEMPLATE = Path(__file__).with_suffix(".html")
 
 
 @dataclasses.dataclass(frozen=True)
-class Method:
+class Gallery:
     """A name for the chart, and a folder of pictures."""
 
     name: str
     folder: Path
 
 
-def parse_method(text: str) -> Method:
+def parse_method(text: str) -> Gallery:
     """A method from ``NAME=FOLDER``; of eval.py's folders the enhanced pictures.
 
     Raises:
@@ -39,11 +39,11 @@ def parse_method(text: str) -> Method:
     if not (name and equals and folder):
         raise UserError(f"{text!r}: expected NAME=FOLDER, such as ours=outputs/x/eval")
     inner = Path(folder) / "enhanced"
-    return Method(name, inner if inner.is_dir() else Path(folder))
+    return Gallery(name, inner if inner.is_dir() else Path(folder))
 
 
 def write_study(
-    folder: Path, methods: Sequence[Method], count: int, seed: int
+    folder: Path, methods: Sequence[Gallery], count: int, seed: int
 ) -> dict[str, float]:
     """Fills an empty folder with ``index.html`` and the pictures it shows.
 
@@ -82,7 +82,7 @@ def write_study(
     return {"views": float(len(views)), "pairs": float(len(pairs))}
 
 
-def _copy(folder: Path, index: int, views: Sequence[str], method: Method) -> list[str]:
+def _copy(folder: Path, index: int, views: Sequence[str], method: Gallery) -> list[str]:
     """Copies a method's pictures as PNGs; their addresses on the page, by view."""
     paths, _ = pair_by_name(views, method.folder)
     urls = []

@@ -22,7 +22,7 @@ BITS = 32  # of a word
 
 
 @struct.dataclass
-class Choice:
+class Drawable:
     """The pixels of each of ``n`` photos that may be drawn."""
 
     words: UInt32[Array | np.ndarray, " k"]  # lowest bit first; photos start a word
@@ -63,8 +63,8 @@ class Choice:
 class Choices:
     """What is drawn by itself, and what begins a patch of pixels that all count."""
 
-    singles: Choice
-    patches: Choice
+    singles: Drawable
+    patches: Drawable
 
 
 def find_choices(
@@ -106,11 +106,11 @@ def _beginnings(mask: Mask, columns: Sequence[int], rows: Sequence[int]) -> Mask
     return found
 
 
-def _choice(masks: Sequence[Bool[np.ndarray, "_h _w"]]) -> Choice:
+def _choice(masks: Sequence[Bool[np.ndarray, "_h _w"]]) -> Drawable:
     words = [_words(mask) for mask in masks]
     sums = [np.cumsum(np.bitwise_count(own), dtype=np.int32) for own in words]
     counts = np.array([own[-1] for own in sums], np.int32)
-    return Choice(
+    return Drawable(
         words=np.concatenate(words),
         before=np.concatenate([np.append(np.int32(0), own[:-1]) for own in sums]),
         starts=np.cumsum([0, *map(len, words)], dtype=np.int32),

@@ -156,7 +156,7 @@ def open_run(config: Config, scene: Identity) -> Path:
                 f"{folder / CONFIG}: this folder holds a run with other settings "
                 f"({_listed(changed)}); choose another --run or undo the change"
             )
-        check_scene(folder, scene)
+        check_same_scene(folder, scene)
     if parallel.is_writer():
         atomic.write_text(folder / CONFIG, saved_config.to_json(config))
         atomic.write_text(folder / SCENE, json.dumps(scene, indent=1) + "\n")
@@ -164,7 +164,7 @@ def open_run(config: Config, scene: Identity) -> Path:
     return folder
 
 
-def check_scene(folder: Path, scene: Identity, *, scored: bool = True) -> None:
+def check_same_scene(folder: Path, scene: Identity, *, scored: bool = True) -> None:
     """Compares a scene with the one the run was trained on; prints what changed.
 
     Args:

@@ -240,7 +240,7 @@ def make_train_step(
 
         grads, terms, error = mean_over_parts(work, batch, render_key, train.passes)
         kept, norms, finite = apply_if_finite(optimizer, state, grads, terms)
-        return kept, StepStats(terms, norms, psnr(error), finite)
+        return kept, StepStats(terms, norms, psnr_of(error), finite)
 
     return train_step
 
@@ -281,7 +281,7 @@ def mean_over_parts(
     return jax.tree.map(lambda x: jnp.mean(x, axis=0), results)
 
 
-def psnr(error: Float[Array, ""]) -> Float[Array, ""]:
+def psnr_of(error: Float[Array, ""]) -> Float[Array, ""]:
     """Peak signal-to-noise ratio in dB of a mean squared error of values in [0, 1],
     100 at most."""
     return -10.0 * jnp.log10(jnp.maximum(error, 1e-10))

@@ -23,7 +23,7 @@ LINE_GREY = 0.9
 
 
 @dataclasses.dataclass(frozen=True)
-class Choice:
+class Split:
     """Which outputs are seen, and where one ends and the other begins."""
 
     left: str = "enhanced"
@@ -34,7 +34,7 @@ class Choice:
 def draw(
     rendering: Rendering | LitRendering,
     display: Display,
-    choice: Choice,
+    choice: Split,
     others: Mapping[str, Picture],
 ) -> UInt8[np.ndarray, "height width 3"]:
     """The picture that a user sees.

@@ -10,13 +10,13 @@ from internal.enhancements.look import NEUTRAL, LightEdit
 from internal.rendering import evidence
 from internal.scene.scene import Scene
 from internal.structs import LitRendering, Rendering
-from internal.viewer.jobs import Job, Task
+from internal.viewer.jobs import Series, Task
 from internal.viewer.sharing import Errand, Turns
 from internal.viewer.trained import Trained
 
 
 @runtime_checkable
-class Renderer(Protocol):
+class StudioNeeds(Protocol):
     """What is needed of a studio."""
 
     scene: Scene
@@ -30,7 +30,7 @@ class Renderer(Protocol):
 class Inquiry:
     """The witnesses of the newest model that somebody asked about."""
 
-    def __init__(self, renderer: Renderer, factor: int) -> None:
+    def __init__(self, renderer: StudioNeeds, factor: int) -> None:
         """``factor``: how many pixels of a photo's side are one of the scene's."""
         self._renderer, self._factor = renderer, factor
         self._lock = threading.Lock()
@@ -71,7 +71,7 @@ class Inquiry:
                 self._conclude(trained, answers)
 
         tasks = [self._renderer.final(trained, camera, NEUTRAL) for camera in cameras]
-        Errand(Job(tasks, hear), self._renderer.turns, say)
+        Errand(Series(tasks, hear), self._renderer.turns, say)
 
     def _conclude(
         self, trained: Trained, answers: list[Rendering | LitRendering]

@@ -41,7 +41,7 @@ class Task:
     speed: Speedometer  # hears how long each part took
 
 
-class Job:
+class Series:
     """Carries out each of ``tasks`` in turn and hands every whole picture over."""
 
     def __init__(self, tasks: Sequence[Task], finish: Finish) -> None:

@@ -7,7 +7,7 @@ import viser
 
 from internal.rendering.evidence import EVIDENCE, legend_html
 from internal.viewer.border import Border, split_at
-from internal.viewer.canvas import NOTHING, PHOTO, Choice
+from internal.viewer.canvas import NOTHING, PHOTO, Split
 from internal.viewer.handlers import Guard, on_change
 from internal.viewer.stage import camera_of
 
@@ -22,7 +22,7 @@ class OutputChooser:
         client: viser.ClientHandle,
         outputs: Mapping[str, str],
         border: Border,
-        chosen: Callable[[Choice], None],
+        chosen: Callable[[Split], None],
         guarded: Guard,
     ) -> None:
         """
@@ -36,7 +36,7 @@ class OutputChooser:
         self._left = gui.add_dropdown("Picture", [*outputs, PHOTO])
         self._right = gui.add_dropdown("Beside it", [NOTHING, *outputs, PHOTO])
         self._split = gui.add_slider(
-            "Split", 0.0, 1.0, 0.005, Choice().split, visible=False,
+            "Split", 0.0, 1.0, 0.005, Split().split, visible=False,
             hint="the border can be dragged in the picture, too",
         )  # fmt: skip
         self._explanation = gui.add_markdown(self._explain())
@@ -45,9 +45,9 @@ class OutputChooser:
         border.handle.on_drag(guarded(self._drag))
 
     @property
-    def choice(self) -> Choice:
+    def choice(self) -> Split:
         """What is chosen now."""
-        return Choice(self._left.value, self._right.value, self._split.value)
+        return Split(self._left.value, self._right.value, self._split.value)
 
     def compare_with_photo(self) -> None:
         """Shows the photo beside the picture, unless a photo is shown already."""

@@ -13,13 +13,13 @@ from internal.configs import RenderConfig
 from internal.enhancements.look import Look
 from internal.viewer.baking import Bakery
 from internal.viewer.border import Border
-from internal.viewer.canvas import Choice
+from internal.viewer.canvas import Split
 from internal.viewer.free_camera import PIXELS
 from internal.viewer.handlers import Guard, guard, on_change
 from internal.viewer.light_controls import LightControls
 from internal.viewer.output_chooser import OutputChooser
 from internal.viewer.path_editor import PathEditor
-from internal.viewer.session import Frame, Session
+from internal.viewer.session import Delivery, Session
 from internal.viewer.stage import (
     Frustums,
     camera_of,
@@ -101,7 +101,7 @@ class Panel:
         self.walk.go(self._camera)
         session.stand(self._camera)
 
-    def show(self, frame: Frame) -> None:
+    def show(self, frame: Delivery) -> None:
         """Puts a frame on the screen, unless splats show more."""
         if self.walk.is_better_than(frame, self._camera):
             return
@@ -113,7 +113,7 @@ class Panel:
             self.walk.rest(frame)
             self._arrive(frame)
 
-    def _arrive(self, frame: Frame) -> None:
+    def _arrive(self, frame: Delivery) -> None:
         """Turns about what is in the middle from now on, and says where this is."""
         now = camera_of(self._client.camera)
         if now.is_at(frame.camera):
@@ -192,7 +192,7 @@ class Panel:
         elif is_double(before, self._click):
             look_at(self._client, self._session.point_at(event.screen_pos))
 
-    def _choose(self, choice: Choice) -> None:
+    def _choose(self, choice: Split) -> None:
         self._session.choose(choice)
         self.walk.choose()
 

@@ -28,9 +28,9 @@ from internal.rendering.surfaces import surface_points
 from internal.scene.colmap import directions_at, lens_directions
 from internal.structs import LitRendering, Rendering
 from internal.viewer import takes
-from internal.viewer.canvas import PHOTO, Choice, draw, photo_through
+from internal.viewer.canvas import PHOTO, Split, draw, photo_through
 from internal.viewer.free_camera import COARSE_PIXELS, PIXELS, FreeCamera, single_camera
-from internal.viewer.jobs import Job
+from internal.viewer.jobs import Series
 from internal.viewer.sharing import Errand
 from internal.viewer.studio import Studio
 from internal.viewer.trained import Trained
@@ -44,7 +44,7 @@ GRID = 8  # rays of a picture that are asked which photos show their ends
 
 
 @dataclasses.dataclass(frozen=True)
-class Frame:
+class Delivery:
     """A picture for the browser and what is said about it."""
 
     picture: UInt8[np.ndarray, "height width 3"]
@@ -103,12 +103,15 @@ class Session:
     """Takes part in ``Turns``; calls ``show`` with pictures and ``say`` with errors."""
 
     def __init__(
-        self, studio: Studio, show: Callable[[Frame], None], say: Callable[[str], None]
+        self,
+        studio: Studio,
+        show: Callable[[Delivery], None],
+        say: Callable[[str], None],
     ) -> None:
         self._studio, self._show, self._say = studio, show, say
         self._lock = threading.Lock()
         self._wanted: FreeCamera | None = None
-        self._job: Job | None = None
+        self._job: Series | None = None
         self._redraw = False
         self._is_passing = False
         self._shown: _Shown | None = None
@@ -119,7 +122,7 @@ class Session:
         self._frames = 0
         self.camera: FreeCamera | None = None
         self.look = Look()
-        self.choice = Choice()
+        self.choice = Split()
         self.size = "500 x 375"
         self.is_walking = False  # something is seen until a whole picture is there
 
@@ -152,7 +155,7 @@ class Session:
         self._studio.turns.wake()
         return is_anew
 
-    def choose(self, choice: Choice) -> None:
+    def choose(self, choice: Split) -> None:
         """Wants other outputs on the screen."""
         with self._lock:
             self.choice, self._redraw = choice, True
@@ -233,7 +236,7 @@ class Session:
             self._say(f"saved {path} and, beside it, {path.stem}.json for render.py")
 
         task = self._studio.final(trained, single_camera(pose, lens), edit)
-        job = Job([task], write)
+        job = Series([task], write)
         Errand(job, self._studio.turns, self._say)
 
     def urgency(self) -> int:
@@ -269,7 +272,7 @@ class Session:
             self._job, self._wanted, self._redraw = None, None, False
         self._say(one_line(error))
 
-    def _start(self, camera: FreeCamera, look: Look) -> Job:
+    def _start(self, camera: FreeCamera, look: Look) -> Series:
         """Renders from there: as fine as is quick, then finer up to the wanted size."""
         studio, full = self._studio, PIXELS[self.size]
         trained, edit = studio.trained, studio.along_rays(look)
@@ -290,7 +293,7 @@ class Session:
             self._frames += 1
             self._draw(finished=rendering.rgb.shape[:2] == (last.height, last.width))
 
-        return Job(tasks, finish)
+        return Series(tasks, finish)
 
     def _draw(self, finished: bool) -> None:
         shown = self._shown
@@ -304,13 +307,13 @@ class Session:
         frames_per_second = (len(times) - 1) / elapsed if elapsed > 0.0 else 0.0
         rays_per_second = self._studio.draft_speed.rays_per_second
         step = shown.trained.step
-        frame = Frame(
+        frame = Delivery(
             picture, self._frames, frames_per_second, rays_per_second, step, finished,
             shown.camera, shown.middle(self._studio.scene.space),
         )  # fmt: skip
         self._show(frame)
 
-    def _others(self, shown: _Shown, choice: Choice) -> dict[str, Picture]:
+    def _others(self, shown: _Shown, choice: Split) -> dict[str, Picture]:
         """What is chosen and no part of a rendering."""
         height, width, _ = shown.rendering.rgb.shape
         lens, pose = shown.camera.lens(width * height), shown.camera.camtoworld

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 
 from internal.errors import one_line
-from internal.viewer.jobs import Job, Runnable
+from internal.viewer.jobs import Runnable, Series
 
 
 class Turns:
@@ -72,7 +72,7 @@ class Turns:
 class Errand:
     """A job that is finished even if the page that wanted it is closed meanwhile."""
 
-    def __init__(self, job: Job, turns: Turns, say: Callable[[str], None]) -> None:
+    def __init__(self, job: Series, turns: Turns, say: Callable[[str], None]) -> None:
         self._job, self._turns, self._say = job, turns, say
         turns.join(self)
 

@@ -15,10 +15,10 @@ from internal.enhancements.look import Look
 from internal.errors import one_line
 from internal.export.splats import Splats, rotations
 from internal.viewer.baking import Bakery, Walkable
-from internal.viewer.canvas import NOTHING, Choice
+from internal.viewer.canvas import NOTHING, Split
 from internal.viewer.free_camera import FreeCamera
 from internal.viewer.handlers import Guard
-from internal.viewer.session import Frame, Session
+from internal.viewer.session import Delivery, Session
 
 # A picture is on the screen so many seconds after it was sent; splats hide it until
 # then, so that nothing flashes.
@@ -46,7 +46,7 @@ class Walk:
         self._handle: viser.GaussianSplatHandle | None = None
         self._look: Look | None = None  # that the splats have
         self._hiding: threading.Timer | None = None
-        self._frame: Frame | None = None  # the last one behind which they hid
+        self._frame: Delivery | None = None  # the last one behind which they hid
         self._button = client.gui.add_button(BAKE, visible=False)
         self._text = client.gui.add_markdown("", visible=False)
         if bakery:
@@ -75,13 +75,13 @@ class Walk:
         if self._session.camera:
             self.go(self._session.camera)
 
-    def is_better_than(self, frame: Frame, camera: FreeCamera) -> bool:
+    def is_better_than(self, frame: Delivery, camera: FreeCamera) -> bool:
         """Whether the splats, seen now, show more of what is there than a frame."""
         with self._lock:
             is_seen = self._handle is not None and self._handle.visible
             return is_seen and not (frame.finished and frame.camera.looks_like(camera))
 
-    def rest(self, frame: Frame) -> None:
+    def rest(self, frame: Delivery) -> None:
         """Hides the splats behind a finished frame that was just sent."""
         with self._lock:
             self._frame = frame
@@ -170,7 +170,7 @@ class Walk:
                 self._handle.visible = False
 
 
-def look_shown(choice: Choice, look: Look) -> Look | None:
+def look_shown(choice: Split, look: Look) -> Look | None:
     """The look in which splats show what is chosen; None if they cannot."""
     if choice.right != NOTHING:
         return None
