@@ -17,11 +17,10 @@ from jaxtyping import Float
 from internal.cameras import Lens
 from internal.errors import UserError, one_line
 from internal.files.listing import list_pictures, say_once
-from internal.poses import fit_similarity
-from internal.scene import colmap
 from internal.scene.mask_files import find_masks
-from internal.scene.pairing import counts_up, find_input_folder, match_by_name
+from internal.scene.pairing import counts_up, find_input_folder
 from internal.scene.readers.base import Reader, SceneFiles
+from internal.scene.readers.beside import Beside, find_beside
 
 POSES_FILE = "poses_bounds.npy"
 FEWEST_COMPARED = 4  # fewer cameras fit nearly always
@@ -79,26 +78,14 @@ def _compare_with_model(
     """Says so where a COLMAP model beside the file, which has names, places the photos
     elsewhere than the rows in their order."""
     try:
-        folder = colmap.find_model(data_dir)
-        model = colmap.read_model(folder) if folder else None
+        beside = find_beside(data_dir, names, camtoworlds, FEWEST_COMPARED)
     except UserError:  # it is not what is read
         return
-    if model is None or not np.isfinite(camtoworlds).all():
-        return
-    found = match_by_name(names, model.names)
-    if len(found) < FEWEST_COMPARED:
-        return
-    ours = camtoworlds[[names.index(name) for name in found], :, 3]
-    places = [model.names.index(name) for name in found.values()]
-    theirs = model.camtoworlds[places, :, 3]
-    if not np.ptp(theirs, axis=0).any():
-        return
-    off = fit_similarity(theirs, ours).points(theirs) - ours
-    if np.abs(off).max() > WORST_FIT * np.linalg.norm(np.std(ours, axis=0)):
+    if isinstance(beside, Beside) and beside.is_misplaced(WORST_FIT):
         say_once(
             f"WARNING: {data_dir / POSES_FILE}: its rows, in the order of the "
-            f"pictures' names, place them elsewhere than {folder}: rows and pictures "
-            "are in different orders, or one of the two is of other photos"
+            f"pictures' names, place them elsewhere than {beside.folder}: rows and "
+            "pictures are in different orders, or one of the two is of other photos"
         )
 
 

@@ -17,20 +17,19 @@ camera centres to the JSON's: an ``applied_transform`` needs no special case.
 import dataclasses
 import posixpath
 from collections.abc import Iterable, Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from internal import poses
 from internal.cameras import Lens
 from internal.errors import UserError, one_line
 from internal.files import image_io, ply
 from internal.files.listing import find_file, is_file, say_once
-from internal.scene import colmap
 from internal.scene.mask_files import find_masks
 from internal.scene.pairing import match_by_name, pair_poses, some
 from internal.scene.readers.base import Reader, SceneFiles
+from internal.scene.readers.beside import Beside, find_beside
 from internal.scene.readers.transforms_entries import (
     Entry,
     locate,
@@ -50,6 +49,7 @@ from internal.scene.readers.transforms_pictures import (
 from internal.scene.transforms_file import SINGLE_FILE, SPLIT_FILE
 
 MOST_POINTS = 200_000  # of a dense cloud, evenly chosen
+FEWEST_COMPARED = 3  # cameras with a model beside the file
 WORST_FIT = 0.01  # of the spread of the camera centres
 WORST_AXES = 0.05  # between unit vectors: 3 degrees
 
@@ -291,39 +291,27 @@ def _sparse_points(
 ) -> Float[np.ndarray, "m 3"]:
     """The points of a COLMAP model beside the JSON, in the JSON's frame.
 
-    None, with a warning, where the two do not show the same cameras: the
-    similarity is fitted to the centres and checked on them and on the axes.
+    None, with a warning, where the two do not show the same cameras.
     """
     nothing = np.empty((0, 3))
-    folder = colmap.find_model(data_dir)
-    if folder is None:
+    beside = find_beside(data_dir, names, camtoworlds, FEWEST_COMPARED)
+    if not isinstance(beside, Beside):
+        if beside:
+            print(f"warning: {beside}; points not used")
         return nothing
-    model = colmap.read_model(folder)
-    theirs = {PurePosixPath(name).name: i for i, name in enumerate(model.names)}
-    ours = {PurePosixPath(name).name: i for i, name in enumerate(names)}
-    common = sorted(ours.keys() & theirs.keys())
-    source = model.camtoworlds[[theirs[name] for name in common]]
-    target = camtoworlds[[ours[name] for name in common]]
-    if len(common) < 3 or not np.isfinite(target).all():
-        print(f"warning: {folder}: fewer than 3 images have poses; points not used")
-        return nothing
-    similarity = poses.fit_similarity(source[:, :, 3], target[:, :, 3])
-    moved = similarity.poses(source)
-    error = np.abs(moved - target)
-    spread = np.linalg.norm(np.std(target[:, :, 3], axis=0))
-    off = np.abs(colmap.other_axes(moved) - target)[:, :, :3]
-    if off.max() < WORST_AXES:
+    if beside.turned(opencv=True) < WORST_AXES:
         raise UserError(
             f"{data_dir}: the poses of its JSON have OpenCV's axes, as the model in "
-            f"{folder} tells; expected OpenGL's (x right, y up, z backwards): negate "
-            "the second and third column of each transform_matrix"
+            f"{beside.folder} tells; expected OpenGL's (x right, y up, z backwards): "
+            "negate the second and third column of each transform_matrix"
         )
-    if error[:, :, 3].max() > WORST_FIT * spread or error[:, :, :3].max() > WORST_AXES:
+    if beside.is_misplaced(WORST_FIT) or beside.turned() > WORST_AXES:
         print(
-            f"warning: {folder}: its cameras are not those of the JSON; points not used"
+            f"warning: {beside.folder}: its cameras are not those of the JSON; points "
+            "not used"
         )
         return nothing
-    return similarity.points(model.points)
+    return beside.points
 
 
 BLENDER = Reader(
