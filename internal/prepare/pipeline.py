@@ -47,7 +47,8 @@ from internal.prepare.summary import (
 )
 from internal.prepare.video_frames import extract_frames
 from internal.scene import colmap, readers
-from internal.scene.loading import ASPECT_TOLERANCE, GAINS_FILE
+from internal.scene.loading import GAINS_FILE
+from internal.scene.masks import is_of_shape
 from internal.scene.pairing import pair_by_name
 
 CONTENT = 2  # counts changes of what is written; older scenes are refused
@@ -239,7 +240,7 @@ def _copy(photo: Photo, source: Path) -> Copy:
     width, height = photo.width, photo.height
     if source != photo.path:
         width, height = image_io.read_size(source)
-        if abs(width * photo.height / (height * photo.width) - 1.0) > ASPECT_TOLERANCE:
+        if not is_of_shape((width, height), (photo.width, photo.height)):
             raise UserError(
                 f"{source}: {width}x{height} pixels, but its dark twin {photo.path} "
                 f"has {photo.width}x{photo.height}, another shape; expected one view"

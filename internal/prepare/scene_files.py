@@ -10,7 +10,7 @@ from internal.errors import UserError
 from internal.files import atomic, image_io
 from internal.prepare.photos import DEVELOPED_EXTENSIONS, Photo, read_photo, scene_name
 from internal.scene.colmap import Reconstruction
-from internal.scene.loading import ASPECT_TOLERANCE
+from internal.scene.masks import is_of_shape
 from internal.scene.pairing import pair_by_name
 from internal.scene.transforms_file import View, write_single
 
@@ -50,7 +50,7 @@ def pair_truth(photos: Sequence[Photo], folder: Path) -> tuple[tuple[Path, ...],
     paths, rule = pair_by_name([photo.name for photo in photos], folder)
     for photo, path in zip(photos, paths, strict=True):
         width, height = image_io.read_size(path)
-        if abs(width * photo.height / (height * photo.width) - 1.0) > ASPECT_TOLERANCE:
+        if not is_of_shape((width, height), (photo.width, photo.height)):
             raise UserError(
                 f"{path}: {width}x{height} pixels, but its dark twin {photo.path} has "
                 f"{photo.width}x{photo.height}, another shape; expected the same view"

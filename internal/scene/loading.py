@@ -19,7 +19,7 @@ from internal.errors import UserError
 from internal.files import image_io
 from internal.files.listing import list_pictures, say_once
 from internal.scene import colmap
-from internal.scene.masks import ASPECT_TOLERANCE, Mask, blackened
+from internal.scene.masks import Mask, blackened, is_of_shape
 from internal.scene.pairing import find_truth_folder, pair_truth, some
 from internal.scene.readers.base import SceneFiles
 from internal.scene.unround import is_rounded, unround
@@ -341,7 +341,8 @@ def _has_shape(width: int, height: int, lens: Lens) -> bool:
     of another shape by more than a pixel of the smaller of the two sizes."""
     across, down = width * lens.height, height * lens.width
     pixel = max(width + height, lens.width + lens.height)
-    return abs(across / down - 1.0) <= ASPECT_TOLERANCE and abs(across - down) <= pixel
+    is_near = is_of_shape((width, height), (lens.width, lens.height))
+    return is_near and abs(across - down) <= pixel
 
 
 def _fit(

@@ -164,6 +164,12 @@ def report(masks: Sequence[Mask]) -> None:
             )
 
 
+def is_of_shape(size: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether two pictures, (width, height) each, can show the same at two sizes."""
+    ratio = size[0] * other[1] / (size[1] * other[0])
+    return abs(ratio - 1.0) <= ASPECT_TOLERANCE
+
+
 def _read(path: Path, photo: Path, size: tuple[int, int], upright: bool) -> Mask:
     """A mask file at the size of its photo.
 
@@ -173,7 +179,7 @@ def _read(path: Path, photo: Path, size: tuple[int, int], upright: bool) -> Mask
     """
     srgb = image_io.read_srgb(path, upright)
     height, width = srgb.shape[:2]
-    if abs(width * size[1] / (height * size[0]) - 1.0) > ASPECT_TOLERANCE:
+    if not is_of_shape((width, height), size):
         raise UserError(
             f"{path}: {width}x{height} pixels, but its photo {photo} has "
             f"{size[0]}x{size[1]}, another shape; make the mask from this photo"
