@@ -65,6 +65,7 @@ class OptimizerConfig:
     enhancement_lr_final: float = 1e-4
     b2: float = 0.999  # of Adam
     eps: float = 1e-8  # of Adam
+    averaged_end: float = 0.0  # share of the steps whose mean the field ends at
     clip_value: float = 0.1  # per element, then; 0: not at all
     clip_norm: float = 0.1  # per group (field, enhancement); 0: not at all
 

@@ -44,6 +44,7 @@ TINY_SIZES = (
     "Train.log_every = 2",
     "Train.checkpoint_every = 3",
     "Train.preview_every = 6",
+    "Optimizer.averaged_end = 0.4",
     "Optimizer.warmup_steps = 2",
     "Render.chunk = 64",
     "Render.frames = 3",

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two Adams: their clipping and their schedules."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 
 from internal.configs import OptimizerConfig, TrainConfig
@@ -80,6 +83,41 @@ def test_the_enhancements_rate_falls_from_its_start_to_the_end_of_training():
     assert moved[: TRAIN.enhance_start] == [0.0] * TRAIN.enhance_start
     expected = np.geomspace(1e-2, 1e-3, TRAIN.max_steps - TRAIN.enhance_start + 1)
     np.testing.assert_allclose(moved[TRAIN.enhance_start :], expected, rtol=1e-3)
+
+
+@pytest.mark.parametrize("extended", [0, 6])
+def test_a_run_ends_at_the_mean_of_its_last_steps(extended):
+    """Against the slow form, which remembers where every step ended; also of a run
+    that is extended from the mean it had ended at."""
+
+    def walk(params, averaged_end: float, max_steps: int, begun=None):
+        config = dataclasses.replace(FLAT, averaged_end=averaged_end)
+        train = TrainConfig(max_steps=max_steps, enhance_start=max_steps)
+        optimizer = make_optimizer(config, train)
+        step, state = begun or (0, optimizer.init(params))
+        update, ended = jax.jit(optimizer.update), []
+        for pull in np.cos(np.arange(step, max_steps)):
+            gradient = jax.tree.map(lambda x, pull=pull: x - pull, params)
+            updates, state = update(gradient, state, params)
+            params = optax.apply_updates(params, updates)
+            ended.append(params)
+        return ended, (max_steps, state)
+
+    def mean(ended):
+        return np.mean([np.asarray(params["field"]) for params in ended], axis=0)
+
+    start = {"field": jnp.array([0.3, -0.2]), "enhancement": RESTING}
+    last = start
+    averaged, begun, plain_begun = None, None, None
+    for max_steps in [10, 10 + extended][: 1 + bool(extended)]:
+        averaged, begun = walk(last, 0.4, max_steps, begun)
+        plain, plain_begun = walk(last, 0.0, max_steps, plain_begun)
+        tail = round(0.4 * max_steps)
+        for ours, theirs in zip(averaged[:-1], plain[:-1], strict=True):
+            np.testing.assert_array_equal(ours["field"], theirs["field"])
+        last = averaged[-1]
+        assert np.abs(mean(plain[-tail:]) - plain[-1]["field"]).max() > 1e-3
+        np.testing.assert_allclose(last["field"], mean(plain[-tail:]), atol=1e-6)
 
 
 def test_the_warm_up_starts_at_its_part_of_the_rate_and_the_decay_ends_at_the_last():

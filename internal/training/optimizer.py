@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two Adams: one for the field over the whole run, a fresh one for the enhancement."""
 
+from typing import Any
+
+import jax
 import jax.numpy as jnp
 import optax
+from flax import struct
 from jax import Array
 from jaxtyping import ArrayLike
 
@@ -15,8 +19,9 @@ ENHANCEMENT = "enhancement"  # the model's module of that name, and its group
 def make_optimizer(
     optimizer: OptimizerConfig, train: TrainConfig
 ) -> optax.GradientTransformation:
-    """Clipped Adam for the field over the whole run; for the enhancement one that
-    starts fresh at ``enhance_start``, with a schedule of its own."""
+    """Clipped Adam for the field over the whole run, which may end at a mean; for the
+    enhancement one that starts fresh at ``enhance_start``, with a schedule of its own.
+    """
 
     def started(step: ArrayLike, **_: object) -> Array:
         return jnp.asarray(step) >= train.enhance_start
@@ -29,10 +34,14 @@ def make_optimizer(
         adam = optax.adam(schedule, b2=optimizer.b2, eps=optimizer.eps)
         return optax.chain(*clips, adam)
 
+    field = group(field_schedule(optimizer, train.max_steps))
+    averaged = round(optimizer.averaged_end * train.max_steps)
+    if averaged > 1:
+        field = optax.chain(field, end_at_mean(averaged, train.max_steps))
     steps = max(train.max_steps - train.enhance_start, 1)
     return optax.partition(
         {
-            "field": group(field_schedule(optimizer, train.max_steps)),
+            "field": field,
             ENHANCEMENT: optax.transforms.conditionally_transform(
                 group(
                     optax.exponential_decay(
@@ -46,6 +55,57 @@ def make_optimizer(
         },
         lambda params: {name: group_of(name) for name in params},
     )
+
+
+@struct.dataclass
+class Averaged:
+    """The sum of the parameters after ``count`` of the last steps."""
+
+    step: Any  # int32 scalars, or their shapes and types where only these are known
+    count: Any
+    total: Params
+
+
+def end_at_mean(averaged: int, max_steps: int) -> optax.GradientTransformation:
+    """Moves the parameters, at the last step, to their mean over the last steps.
+
+    Where the noise of single batches throws them about, the mean is nearer to the
+    middle (Polyak and Juditsky 1992; Izmailov et al. 2018), so that the learning rate
+    need not fall as far. All steps before the last are as without.
+
+    Args:
+        averaged: steps, the last one among them.
+        max_steps: number of the last step.
+    """
+
+    def init(params: Any) -> Any:
+        zero = jnp.zeros((), jnp.int32)
+        return Averaged(zero, zero, optax.tree.zeros_like(params))
+
+    def update(updates: Any, state: Any, params: Any = None) -> Any:
+        step = state.step + 1
+        first = step == max_steps - averaged + 1  # also in a run that is extended
+
+        def add(state: Averaged) -> Averaged:
+            count = jnp.where(first, 0, state.count) + 1
+            total = jax.tree.map(
+                lambda t, p, u: jnp.where(first, 0.0, t) + p + u,
+                *(state.total, params, updates),
+            )
+            return Averaged(step, count, total)
+
+        def rest(state: Averaged) -> Averaged:
+            return Averaged(step, state.count, state.total)
+
+        state = jax.lax.cond(step > max_steps - averaged, add, rest, state)
+        updates = jax.lax.cond(
+            step == max_steps,
+            lambda: jax.tree.map(lambda t, p: t / state.count - p, state.total, params),
+            lambda: updates,
+        )
+        return updates, state
+
+    return optax.GradientTransformation(init, update)
 
 
 def group_of(module: str) -> str:
