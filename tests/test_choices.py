@@ -32,7 +32,7 @@ GAINS = np.ones((3, 3), np.float32)
 TRAIN = TrainConfig(batch_size=500, enhance_start=10)
 BEFORE, AFTER = jnp.int32(9), jnp.int32(10)
 PATCH = ((0, 1, 0), (0, 0, 1))
-SAMPLE = jax.jit(sampler.sample_pixels, static_argnums=(2, 3))
+SAMPLE = jax.jit(sampler.sample_pixels, static_argnums=(1, 2))
 NTH = jax.jit(lambda choice, view, rank: choice.nth(view, rank))
 
 
@@ -58,13 +58,13 @@ def test_every_pixel_that_counts_is_drawn_and_as_often(tiny_cameras):
     masks = some_masks(0, 0.4)
     choices = sampler.choices_of(masks, 2)
     train = dataclasses.replace(TRAIN, batch_size=20_000)
-    pixels = SAMPLE(jax.random.key(0), tiny_cameras, train, 2, BEFORE, choices)
+    pixels = SAMPLE(tiny_cameras, train, 2, BEFORE, choices)
     drawn = np.zeros((3, 8, 10), int)
     np.add.at(drawn, tuple(np.ravel(p) for p in (pixels.view, pixels.y, pixels.x)), 1)
     np.testing.assert_array_equal(drawn > 0, masks)
-    for view, mask in enumerate(masks):  # photos evenly, then pixels: 5 deviations
-        expected = 60_000 / 3 / mask.sum()
-        assert np.abs(drawn[view][mask] / expected - 1).max() < 5 / np.sqrt(expected)
+    for view, mask in enumerate(masks):  # photos evenly, then pixels
+        assert drawn[view].sum() == 20_000
+        assert np.ptp(drawn[view][mask]) <= 2  # begun and ended within a round
 
 
 @pytest.mark.parametrize("neighbors", [0, 2])
@@ -75,8 +75,7 @@ def test_what_is_masked_is_never_drawn_not_even_as_a_neighbour(
     masks = np.array(some_masks(1, 0.6))
     masks[1] = np.indices((8, 10)).sum(0) % 2 == 0  # a board without a patch
     choices = sampler.choices_of(list(masks), neighbors)
-    key = jax.random.key(0)
-    pixels = SAMPLE(key, tiny_cameras, TRAIN, neighbors, step, choices)
+    pixels = SAMPLE(tiny_cameras, TRAIN, neighbors, step, choices)
     view, x, y = (np.asarray(p) for p in (pixels.view, pixels.x, pixels.y))
     assert masks[view, y, x].all()
     if neighbors and step == AFTER:
@@ -105,9 +104,8 @@ def test_a_fed_batch_of_masked_photos_equals_the_resident_one(
     masks = some_masks(2, 0.5)
     resident = sampler.pixel_source(*inputs, tiny_config, masks)
     fed = sampler.pixel_source(*inputs, on_host, masks)
-    key, _ = sampler.step_keys(tiny_config.train.seed, jnp.int32(5))
-    arguments = (key, tiny_cameras, tiny_config.train, 2, jnp.int32(5))
-    one = jax.jit(resident(5).batch, static_argnums=(2, 3))(*arguments)
+    arguments = (tiny_cameras, tiny_config.train, 2, jnp.int32(5))
+    one = jax.jit(resident(5).batch, static_argnums=(1, 2))(*arguments)
     chex.assert_trees_all_equal(one, fed(5).batch(*arguments))
 
 

@@ -78,8 +78,7 @@ def step_on_leaves(config, mesh, cameras, images, space, fed=False):
     source = sampler.resident_pixels(images, np.ones((len(images), 3), np.float32))
     if fed:
         neighbors = sampler.neighbors_of(config)
-        key, zero = jax.random.key(0), jnp.int32(0)
-        batch = source.batch(key, cameras, config.train, neighbors, zero)
+        batch = source.batch(cameras, config.train, neighbors, jnp.int32(0))
         source = sampler.FedPixels(batch)
     step = training.make_train_step(config, model, mesh, 0.1)
     whole = NamedSharding(mesh, PartitionSpec())

@@ -18,7 +18,7 @@ BEFORE, AFTER = jnp.int32(9), jnp.int32(10)
 
 
 def test_patches_are_a_pixel_its_right_and_its_lower_neighbour(tiny_cameras):
-    pixels = sampler.sample_pixels(jax.random.key(0), tiny_cameras, TRAIN, 2, AFTER)
+    pixels = sampler.sample_pixels(tiny_cameras, TRAIN, 2, AFTER)
     x, y = np.asarray(pixels.x), np.asarray(pixels.y)
     np.testing.assert_array_equal(x[:, 1] - x[:, 0], 1)
     np.testing.assert_array_equal(x[:, 2] - x[:, 0], 0)
@@ -30,16 +30,25 @@ def test_patches_are_a_pixel_its_right_and_its_lower_neighbour(tiny_cameras):
 
 
 def test_before_the_smoothness_loss_every_pixel_is_drawn_by_itself(tiny_cameras):
-    pixels = sampler.sample_pixels(jax.random.key(0), tiny_cameras, TRAIN, 2, BEFORE)
+    pixels = sampler.sample_pixels(tiny_cameras, TRAIN, 2, BEFORE)
     drawn = {tuple(p) for p in np.stack(jax.tree.leaves(pixels), -1).reshape(-1, 3)}
     assert len(drawn) == 3 * 10 * 8
     assert np.any(pixels.view != pixels.view[:, :1])
 
 
+def test_pixels_differ_by_seed_and_step(tiny_cameras):
+    drawn = set()
+    for seed, step in ((0, 0), (0, 1), (1, 0)):
+        train = dataclasses.replace(TRAIN, seed=seed)
+        pixels = sampler.sample_pixels(tiny_cameras, train, 0, jnp.int32(step))
+        drawn.add(np.asarray(pixels.x).tobytes())
+    assert len(drawn) == 3
+
+
 def test_every_member_has_the_colour_of_its_own_pixel(tiny_cameras, tiny_images):
     source = sampler.resident_pixels(tiny_images, GAINS)
     for step in (BEFORE, AFTER):
-        batch = source.batch(jax.random.key(3), tiny_cameras, TRAIN, 2, step)
+        batch = source.batch(tiny_cameras, TRAIN, 2, step)
         flat = [np.ravel(p) for p in jax.tree.leaves(batch.pixels)]
         expected = [tiny_images[v][y, x] / 65535 for v, x, y in zip(*flat, strict=True)]
         np.testing.assert_allclose(batch.rgb().reshape(-1, 3), expected, atol=1e-7)
@@ -63,8 +72,7 @@ def test_a_fed_batch_equals_the_resident_one(tiny_config, tiny_cameras, tiny_ima
     resident = sampler.pixel_source(tiny_images, GAINS, tiny_cameras, mesh, tiny_config)
     fed = sampler.pixel_source(tiny_images, GAINS, tiny_cameras, mesh, on_host)
     for step in (0, 5):
-        key, _ = sampler.step_keys(train.seed, jnp.int32(step))
-        arguments = (key, tiny_cameras, train, 2, jnp.int32(step))
+        arguments = (tiny_cameras, train, 2, jnp.int32(step))
         one = resident(step).batch(*arguments)
         two = fed(step).batch(*arguments)
         chex.assert_trees_all_equal(one, two)

@@ -118,15 +118,6 @@ def test_same_seed_same_run(tiny_run):
     chex.assert_trees_all_equal(run(state, 3)[0], run(state, 3)[0])
 
 
-def test_keys_differ_by_seed_and_step():
-    draws = {
-        float(jax.random.uniform(key))
-        for seed, step in ((0, 0), (0, 1), (1, 0))
-        for key in sampler.step_keys(seed, jnp.int32(step))
-    }
-    assert len(draws) == 6
-
-
 def test_a_step_that_is_not_finite_keeps_the_state_and_is_named(tiny_run):
     run, state = tiny_run
     state, _ = run(state, 4)
@@ -166,7 +157,7 @@ def test_parts_of_a_batch_average_to_the_whole(tiny_cameras, tiny_images):
     resident = sampler.resident_pixels(tiny_images, np.ones((3, 3), np.float32))
     train = load_config([], TINY_MODEL).train
     key = jax.random.key(0)
-    batch = resident.batch(key, tiny_cameras, train, 2, jnp.int32(0))
+    batch = resident.batch(tiny_cameras, train, 2, jnp.int32(0))
 
     def work(batch, key):
         return {"mean": jnp.mean(batch.rgb()), "sum": jnp.mean(batch.pixels.x)}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drawing evenly from the pixels that count, where photos have masks.
+"""The pixels that may be drawn, where photos have masks.
 
 A photo's pixels, row after row, are bits of words. The k-th that counts is found by
 bisection over how many count before each word, then in the word: two bits of memory a
@@ -8,12 +8,11 @@ pixel, and no draw is ever thrown away.
 
 from collections.abc import Sequence
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
 from jax import Array
-from jaxtyping import Bool, Int, Int32, PRNGKeyArray, UInt32
+from jaxtyping import Bool, Int, Int32, UInt32
 
 from internal.errors import UserError
 from internal.scene.masks import Mask
@@ -30,17 +29,6 @@ class Drawable:
     starts: Int32[Array | np.ndarray, " _ends"]  # first word of each photo, and the end
     counts: Int32[Array | np.ndarray, " n"]  # pixels of each photo
     views: Int32[Array | np.ndarray, " m"]  # photos that have any
-
-    def draw(
-        self, key: PRNGKeyArray, shape: tuple[int, ...]
-    ) -> tuple[Int[Array, "*shape"], Int[Array, "*shape"]]:
-        """Photos, evenly of those that have any, and the place of a pixel in each,
-        evenly: its row times the width plus its column."""
-        view_key, rank_key = jax.random.split(key)
-        views, counts = jnp.asarray(self.views), jnp.asarray(self.counts)
-        view = views[jax.random.randint(view_key, shape, 0, len(views))]
-        rank = jax.random.randint(rank_key, shape, 0, counts[view])
-        return view, self.nth(view, rank)
 
     def nth(
         self, view: Int[Array, "*shape"], rank: Int[Array, "*shape"]

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 from jax import Array
-from jaxtyping import Float, Int, PRNGKeyArray, UInt16
+from jaxtyping import Float, Int, UInt16, UInt32
 
 from internal import parallel
 from internal.cameras import Cameras
@@ -26,7 +26,8 @@ from internal.color import UINT16_ONE
 from internal.configs import Config, TrainConfig
 from internal.files.picture_store import Picture, PictureStore, gigabytes
 from internal.scene.masks import Mask
-from internal.training.choices import Choices, find_choices
+from internal.training import shuffle
+from internal.training.choices import Choices, Drawable, find_choices
 
 # Steps right and down from the first pixel of a patch to each of its members.
 _OFFSETS = {0: ((0,), (0,)), 2: ((0, 1, 0), (0, 0, 1))}
@@ -60,7 +61,6 @@ class PixelSource(Protocol):
 
     def batch(
         self,
-        key: PRNGKeyArray,
         cameras: Cameras,
         train: TrainConfig,
         neighbors: int,
@@ -74,22 +74,14 @@ def neighbors_of(config: Config) -> int:
     return 0 if enhancement is None else enhancement.neighbors
 
 
-def step_keys(seed: int, step: Int[Array, ""]) -> tuple[PRNGKeyArray, PRNGKeyArray]:
-    """Keys of (pixels, rendering) for a step: a function of seed and step alone."""
-    key = jax.random.fold_in(jax.random.key(seed), step)
-    pixel_key, render_key = jax.random.split(key)
-    return pixel_key, render_key
-
-
 def sample_pixels(
-    key: PRNGKeyArray,
     cameras: Cameras,
     train: TrainConfig,
     neighbors: int,
     step: Int[Array, ""],
     choices: Choices | None = None,
 ) -> Pixels:
-    """Draws photos evenly, then pixels evenly inside each photo.
+    """Photos in turns, and of each all pixels in a random order before one comes again.
 
     Patches are only needed by the smoothness loss; before it starts every member is
     a pixel of its own, which tells the field more. Patches never leave the picture,
@@ -100,10 +92,12 @@ def sample_pixels(
     """
     columns, rows = _OFFSETS[neighbors]
     members = (train.batch_size, len(columns))
-    if choices is None:
-        apart, corner = _draw_all(key, cameras, members, max(columns), max(rows))
-    else:
-        apart, corner = _draw_some(key, cameras, members, choices)
+    first = step.astype(jnp.uint32) * jnp.uint32(train.batch_size)
+    patch = first + jnp.arange(members[0], dtype=jnp.uint32)[:, None]
+    single = patch * jnp.uint32(members[1]) + jnp.arange(members[1], dtype=jnp.uint32)
+    singles, patches = (choices.singles, choices.patches) if choices else (None, None)
+    apart = _draw(single, train.seed, cameras, (0, 0), singles)
+    corner = _draw(patch, train.seed, cameras, (max(columns), max(rows)), patches)
     together = Pixels(
         view=jnp.broadcast_to(corner.view, members),
         x=corner.x + jnp.array(columns),
@@ -113,44 +107,30 @@ def sample_pixels(
     return jax.tree.map(lambda p, q: jnp.where(in_patches, p, q), together, apart)
 
 
-def _draw_all(
-    key: PRNGKeyArray,
+def _draw(
+    number: UInt32[Array, "*b"],
+    seed: int,
     cameras: Cameras,
-    members: tuple[int, int],
-    columns: int,
-    rows: int,
-) -> tuple[Pixels, Pixels]:
-    """Single pixels, and the first ones of patches of so many more columns and rows."""
-    view_key, x_key, y_key = jax.random.split(key, 3)
-    view = jax.random.randint(view_key, members, 0, len(cameras))
-    widths = jnp.asarray(cameras.widths)[view]
-    heights = jnp.asarray(cameras.heights)[view]
-    apart = Pixels(
-        view=view,
-        x=jax.random.randint(x_key, members, 0, widths),
-        y=jax.random.randint(y_key, members, 0, heights),
-    )
-    corner = Pixels(
-        view=view[:, :1],
-        x=jnp.minimum(apart.x, widths - 1 - columns)[:, :1],
-        y=jnp.minimum(apart.y, heights - 1 - rows)[:, :1],
-    )
-    return apart, corner
+    margin: tuple[int, int],
+    drawable: Drawable | None,
+) -> Pixels:
+    """The pixels of draws of these numbers.
 
-
-def _draw_some(
-    key: PRNGKeyArray, cameras: Cameras, members: tuple[int, int], choices: Choices
-) -> tuple[Pixels, Pixels]:
-    """Likewise of what may be drawn."""
-    own_key, patch_key = jax.random.split(key)
-    widths = jnp.asarray(cameras.widths)
-
-    def place(view: Int[Array, "*b"], index: Int[Array, "*b"]) -> Pixels:
-        y, x = jnp.divmod(index, widths[view])
-        return Pixels(view, x, y)
-
-    apart = place(*choices.singles.draw(own_key, members))
-    return apart, place(*choices.patches.draw(patch_key, (members[0], 1)))
+    Args:
+        margin: columns and rows that keep free at the right and below.
+        drawable: what may be drawn, which knows the margin; None: all before it.
+    """
+    widths, heights = jnp.asarray(cameras.widths), jnp.asarray(cameras.heights)
+    if drawable is None:
+        widths = widths - margin[0]
+        counts = widths * (heights - margin[1])
+        view, place = shuffle.draw(number, seed, jnp.arange(len(cameras)), counts)
+    else:
+        views, counts = jnp.asarray(drawable.views), jnp.asarray(drawable.counts)
+        view, rank = shuffle.draw(number, seed, views, counts)
+        place = drawable.nth(view, rank)
+    y, x = jnp.divmod(place, widths[view])
+    return Pixels(view, x, y)
 
 
 @struct.dataclass
@@ -164,13 +144,12 @@ class ResidentPixels:
 
     def batch(
         self,
-        key: PRNGKeyArray,
         cameras: Cameras,
         train: TrainConfig,
         neighbors: int,
         step: Int[Array, ""],
     ) -> Batch:
-        pixels = sample_pixels(key, cameras, train, neighbors, step, self.choices)
+        pixels = sample_pixels(cameras, train, neighbors, step, self.choices)
         rows = flat_rows(pixels, self.starts, cameras.widths)
         return Batch(pixels, self.levels[rows], self.gains[pixels.view])
 
@@ -183,7 +162,6 @@ class FedPixels:
 
     def batch(
         self,
-        key: PRNGKeyArray,
         cameras: Cameras,
         train: TrainConfig,
         neighbors: int,
@@ -242,9 +220,8 @@ class PixelFeeder:
 
         @jax.jit
         def sample(step: Int[Array, ""], choices: Choices | None) -> Pixels:
-            key, _ = step_keys(config.train.seed, step)
             neighbors = neighbors_of(config)
-            return sample_pixels(key, cameras, config.train, neighbors, step, choices)
+            return sample_pixels(cameras, config.train, neighbors, step, choices)
 
         self._sample = sample
 

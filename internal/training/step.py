@@ -37,7 +37,6 @@ from internal.training.sampler import (
     PixelSource,
     neighbors_of,
     pixel_source,
-    step_keys,
 )
 
 
@@ -229,8 +228,8 @@ def make_train_step(
     def train_step(
         state: TrainState, cameras: Cameras, space: Space, source: PixelSource
     ) -> tuple[TrainState, StepStats]:
-        pixel_key, render_key = step_keys(train.seed, state.step)
-        batch = source.batch(pixel_key, cameras, train, neighbors, state.step)
+        key = jax.random.fold_in(jax.random.key(train.seed), state.step)
+        batch = source.batch(cameras, train, neighbors, state.step)
 
         def work(part: Batch, key: PRNGKeyArray) -> tuple[Params, Terms, Array]:
             part = jax.lax.with_sharding_constraint(part, parallel.batch_sharding(mesh))
@@ -238,7 +237,7 @@ def make_train_step(
             rays = cast_rays(cameras, space, pixels.view, pixels.x, pixels.y)
             return gradients(teacher, state, rays, space, part, key)
 
-        grads, terms, error = mean_over_parts(work, batch, render_key, train.passes)
+        grads, terms, error = mean_over_parts(work, batch, key, train.passes)
         kept, norms, finite = apply_if_finite(optimizer, state, grads, terms)
         return kept, StepStats(terms, norms, psnr_of(error), finite)
 
