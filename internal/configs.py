@@ -79,6 +79,7 @@ class TrainConfig:
     max_steps: int = 105_000
     enhance_start: int = 100_000  # first step of the enhancement losses
     batch_size: int = 1024  # pixels; each brings what its enhancement asks for
+    seek_detail: bool = False  # draws more pixels where photos have detail
     passes: int = 1  # parts of a batch worked off one after the other
     seed: int = 0
     log_every: int = 100

@@ -28,6 +28,7 @@ from internal.files.picture_store import Picture, PictureStore, gigabytes
 from internal.scene.masks import Mask
 from internal.training import shuffle
 from internal.training.choices import Choices, Drawable, find_choices
+from internal.training.detail import Detail, find_detail
 
 # Steps right and down from the first pixel of a patch to each of its members.
 _OFFSETS = {0: ((0,), (0,)), 2: ((0, 1, 0), (0, 0, 1))}
@@ -80,8 +81,12 @@ def sample_pixels(
     neighbors: int,
     step: Int[Array, ""],
     choices: Choices | None = None,
+    detail: Detail | None = None,
 ) -> Pixels:
     """Photos in turns, and of each all pixels in a random order before one comes again.
+
+    With ``detail``, of two of them each, one is taken: the likelier, the more detail is
+    around it. The enhancement's losses, which are means over the scene, see all alike.
 
     Patches are only needed by the smoothness loss; before it starts every member is
     a pixel of its own, which tells the field more. Patches never leave the picture,
@@ -89,6 +94,7 @@ def sample_pixels(
 
     Args:
         choices: the pixels that may be drawn; None: all.
+        detail: where photos have it; None: all pixels are drawn alike.
     """
     columns, rows = _OFFSETS[neighbors]
     members = (train.batch_size, len(columns))
@@ -96,7 +102,15 @@ def sample_pixels(
     patch = first + jnp.arange(members[0], dtype=jnp.uint32)[:, None]
     single = patch * jnp.uint32(members[1]) + jnp.arange(members[1], dtype=jnp.uint32)
     singles, patches = (choices.singles, choices.patches) if choices else (None, None)
-    apart = _draw(single, train.seed, cameras, (0, 0), singles)
+    if detail is None:
+        apart = _draw(single, train.seed, cameras, (0, 0), singles)
+    else:
+        two = [
+            _draw(2 * single + jnp.uint32(i), train.seed, cameras, (0, 0), singles)
+            for i in range(2)
+        ]
+        share = shuffle.uniform(single, train.seed)
+        apart = _the_richer(two[0], two[1], detail, share)
     corner = _draw(patch, train.seed, cameras, (max(columns), max(rows)), patches)
     together = Pixels(
         view=jnp.broadcast_to(corner.view, members),
@@ -105,6 +119,19 @@ def sample_pixels(
     )
     in_patches = step >= train.enhance_start
     return jax.tree.map(lambda p, q: jnp.where(in_patches, p, q), together, apart)
+
+
+def _the_richer(
+    one: Pixels, other: Pixels, detail: Detail, share: Float[Array, "*b"]
+) -> Pixels:
+    """One pixel or the other, with chances in proportion to the detail around them.
+
+    Args:
+        share: random in [0, 1).
+    """
+    first, second = (detail.at(p.view, p.x, p.y) for p in (one, other))
+    taken = share * (first + second) < first
+    return jax.tree.map(lambda a, b: jnp.where(taken, a, b), one, other)
 
 
 def _draw(
@@ -141,6 +168,7 @@ class ResidentPixels:
     starts: Int[Array | np.ndarray, " n"]  # first row of each picture
     gains: Float[Array | np.ndarray, "n 3"]
     choices: Choices | None  # None: every pixel may be drawn
+    detail: Detail | None  # None: every pixel is drawn alike
 
     def batch(
         self,
@@ -149,7 +177,9 @@ class ResidentPixels:
         neighbors: int,
         step: Int[Array, ""],
     ) -> Batch:
-        pixels = sample_pixels(cameras, train, neighbors, step, self.choices)
+        pixels = sample_pixels(
+            cameras, train, neighbors, step, self.choices, self.detail
+        )
         rows = flat_rows(pixels, self.starts, cameras.widths)
         return Batch(pixels, self.levels[rows], self.gains[pixels.view])
 
@@ -189,6 +219,7 @@ def resident_pixels(
     images: Sequence[Picture],
     gains: Float[np.ndarray, "n 3"],
     choices: Choices | None = None,
+    detail: Detail | None = None,
 ) -> ResidentPixels:
     """All pictures, flat."""
     sizes = [image.shape[0] * image.shape[1] for image in images]
@@ -198,6 +229,7 @@ def resident_pixels(
         starts,
         gains,
         choices,
+        detail,
     )
 
 
@@ -212,23 +244,28 @@ class PixelFeeder:
         mesh: jax.sharding.Mesh,
         config: Config,
         choices: Choices | None,
+        detail: Detail | None,
     ) -> None:
         self._images, self._gains = images, gains
-        self._choices = jax.device_put(choices)
+        self._drawn_from = jax.device_put((choices, detail))
         self._mesh = mesh
         self._share = parallel.process_share(config.train.batch_size)
 
         @jax.jit
-        def sample(step: Int[Array, ""], choices: Choices | None) -> Pixels:
+        def sample(
+            step: Int[Array, ""], choices: Choices | None, detail: Detail | None
+        ) -> Pixels:
             neighbors = neighbors_of(config)
-            return sample_pixels(cameras, config.train, neighbors, step, choices)
+            return sample_pixels(
+                cameras, config.train, neighbors, step, choices, detail
+            )
 
         self._sample = sample
 
     def feed(self, step: int) -> FedPixels:
         """The batch that ``ResidentPixels.batch`` gives after ``step`` steps."""
         number = jax.device_put(np.int32(step))
-        sampled = jax.device_get(self._sample(number, self._choices))
+        sampled = jax.device_get(self._sample(number, *self._drawn_from))
         pixels = jax.tree.map(lambda x: x[self._share], sampled)
         levels = self._images.pixels(pixels.view, pixels.x, pixels.y)
         batch = Batch(pixels, levels, self._gains[pixels.view])
@@ -249,11 +286,12 @@ def pixel_source(
     run of several processes, are fed by the host.
     """
     choices = choices_of(masks, neighbors_of(config))
+    detail = find_detail(images, masks) if config.train.seek_detail else None
     size = gigabytes(images)
     stored = isinstance(images, PictureStore)
     if stored or jax.process_count() > 1 or size > config.max_image_memory:
         print(f"pictures: {size:.2f} GB, fed from the host", flush=True)
         store = images if isinstance(images, PictureStore) else PictureStore(images)
-        return PixelFeeder(store, gains, cameras, mesh, config, choices).feed
-    resident = parallel.replicate(resident_pixels(images, gains, choices), mesh)
+        return PixelFeeder(store, gains, cameras, mesh, config, choices, detail).feed
+    resident = parallel.replicate(resident_pixels(images, gains, choices, detail), mesh)
     return lambda step: resident

@@ -10,7 +10,7 @@ computed at the places that are asked for.
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Int, UInt32
+from jaxtyping import Float, Int, UInt32
 
 ROUNDS = 4  # of the Feistel network, each of both its halves
 _STEP = 0x9E3779B9  # between the keys of two rounds
@@ -35,6 +35,12 @@ def draw(
     epoch, place = jnp.divmod(turn, count)
     key = _mix(_mix(_mix(jnp.uint32(seed % 2**32)) + view.astype(jnp.uint32)) + epoch)
     return view, permuted(place, count, key).astype(jnp.int32)
+
+
+def uniform(number: UInt32[Array, "*b"], seed: int) -> Float[Array, "*b"]:
+    """A random number in [0, 1) for each draw."""
+    key = _mix(jnp.uint32((seed + _STEP) % 2**32))
+    return (_mix(number ^ key) >> 8).astype(jnp.float32) / 2.0**24
 
 
 def permuted(
