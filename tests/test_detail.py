@@ -44,6 +44,15 @@ def test_detail_lies_where_light_changes_whatever_the_exposure():
     np.testing.assert_allclose(detail.tiles[:size], detail.tiles[-size:], atol=1)
 
 
+def test_a_large_photo_has_the_detail_of_the_small_one(monkeypatch):
+    small = find_detail([photo()])
+    monkeypatch.setattr("internal.training.detail.MOST_PIXELS", 64 * 96)
+    large = find_detail([photo().repeat(5, axis=0).repeat(5, axis=1)[:318]])
+    np.testing.assert_array_equal(large.tiles, small.tiles)
+    for x, y in ((32, 32), (80, 8), (95, 62)):
+        assert at(large, 0, 5 * x + 3, 5 * y + 3) == at(small, 0, x, y)
+
+
 def test_what_is_masked_has_no_part_in_it():
     mask = np.ones((64, 96), bool)
     mask[10:30, 50:83] = False
@@ -63,7 +72,8 @@ def test_of_two_pixels_the_richer_is_taken_as_much_more_often(tiny_cameras):
     times the detail of the other two."""
     tiles = np.tile(np.round(np.array([3.0, 1.0, 1.0]) * STEPS / 2), 2)
     starts, across = np.array([0, 6, 12], np.int32), np.full(3, 3, np.int32)
-    detail = Detail(np.tile(tiles, 3).astype(np.uint8), starts, across)
+    sides = np.full(3, 4, np.int32)
+    detail = Detail(np.tile(tiles, 3).astype(np.uint8), starts, across, sides)
     pixels = SAMPLE(tiny_cameras, TRAIN, 0, BEFORE, None, detail)
     rich = 0.4  # of the pixels
     expected = rich**2 + 2 * rich * (1 - rich) * 0.75

@@ -18,7 +18,8 @@ from scipy import ndimage
 from internal.color import from_uint16
 from internal.files.picture_store import Picture
 
-TILE = 4  # pixels along each side, even
+MOST_PIXELS = 1_000_000  # of a photo that are looked at, evenly spread
+TILE = 4  # of these along each side, even
 WINDOW = 3  # tiles along each side that a tile is compared with
 FLOOR = 0.3  # of the mean detail of a photo: bare walls are looked at, too
 LARGEST = 8.0  # times the mean
@@ -34,11 +35,13 @@ class Detail:
     tiles: UInt8[Array | np.ndarray, " k"]  # in steps, row after row
     starts: Int32[Array | np.ndarray, " n"]  # first tile of each photo
     across: Int32[Array | np.ndarray, " n"]  # tiles in a row of each photo
+    sides: Int32[Array | np.ndarray, " n"]  # pixels along the sides of its tiles
 
     def at(self, view: Places, x: Places, y: Places) -> Float[Array, "*b"]:
         """The detail around pixels."""
         starts, across = jnp.asarray(self.starts), jnp.asarray(self.across)
-        row, column = jnp.asarray(y) // TILE, jnp.asarray(x) // TILE
+        side = jnp.asarray(self.sides)[view]
+        row, column = jnp.asarray(y) // side, jnp.asarray(x) // side
         tile = starts[view] + row * across[view] + column
         return jnp.asarray(self.tiles)[tile] / STEPS
 
@@ -51,13 +54,16 @@ def find_detail(
     Args:
         masks: of the pixels that count; () if all do.
     """
-    tiles = [
-        _tiles(image, masks[view] if masks else np.ones(image.shape[:2], bool))
-        for view, image in enumerate(images)
-    ]
+    tiles, sides = [], []
+    for view, image in enumerate(images):
+        mask = masks[view] if masks else np.ones(image.shape[:2], bool)
+        every = max(round((mask.size / MOST_PIXELS) ** 0.5), 1)
+        tiles.append(_tiles(image[::every, ::every], mask[::every, ::every]))
+        sides.append(TILE * every)
     starts = np.cumsum([0, *(own.size for own in tiles[:-1])]).astype(np.int32)
     across = np.array([own.shape[1] for own in tiles], np.int32)
-    return Detail(np.concatenate([own.ravel() for own in tiles]), starts, across)
+    flat = np.concatenate([own.ravel() for own in tiles])
+    return Detail(flat, starts, across, np.array(sides, np.int32))
 
 
 def _tiles(
