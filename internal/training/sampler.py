@@ -102,15 +102,7 @@ def sample_pixels(
     patch = first + jnp.arange(members[0], dtype=jnp.uint32)[:, None]
     single = patch * jnp.uint32(members[1]) + jnp.arange(members[1], dtype=jnp.uint32)
     singles, patches = (choices.singles, choices.patches) if choices else (None, None)
-    if detail is None:
-        apart = _draw(single, train.seed, cameras, (0, 0), singles)
-    else:
-        two = [
-            _draw(2 * single + jnp.uint32(i), train.seed, cameras, (0, 0), singles)
-            for i in range(2)
-        ]
-        share = shuffle.uniform(single, train.seed)
-        apart = _the_richer(two[0], two[1], detail, share)
+    apart = _draw_singles(single, train.seed, cameras, singles, detail)
     corner = _draw(patch, train.seed, cameras, (max(columns), max(rows)), patches)
     together = Pixels(
         view=jnp.broadcast_to(corner.view, members),
@@ -121,16 +113,24 @@ def sample_pixels(
     return jax.tree.map(lambda p, q: jnp.where(in_patches, p, q), together, apart)
 
 
-def _the_richer(
-    one: Pixels, other: Pixels, detail: Detail, share: Float[Array, "*b"]
+def _draw_singles(
+    number: UInt32[Array, "*b"],
+    seed: int,
+    cameras: Cameras,
+    drawable: Drawable | None,
+    detail: Detail | None,
 ) -> Pixels:
-    """One pixel or the other, with chances in proportion to the detail around them.
+    """The pixels of draws of these numbers: with ``detail``, of two pixels each, either
+    with chances in proportion to the detail around them."""
 
-    Args:
-        share: random in [0, 1).
-    """
+    def draw(number: UInt32[Array, "*b"]) -> Pixels:
+        return _draw(number, seed, cameras, (0, 0), drawable)
+
+    if detail is None:
+        return draw(number)
+    one, other = draw(2 * number), draw(2 * number + 1)
     first, second = (detail.at(p.view, p.x, p.y) for p in (one, other))
-    taken = share * (first + second) < first
+    taken = shuffle.uniform(number, seed) * (first + second) < first
     return jax.tree.map(lambda a, b: jnp.where(taken, a, b), one, other)
 
 
