@@ -45,6 +45,10 @@ def test_a_part_of_a_long_order_is_spread_evenly_and_has_no_trend(count):
     for one, other in ((first[1:], first[:-1]), (first[50:], first[:-50]), orders):
         assert abs(np.corrcoef(one, other)[0, 1]) < 5 / np.sqrt(10_000)
     assert abs(np.corrcoef(first, second)[0, 1]) < 5 / np.sqrt(10_000)
+    side = int(np.ceil(np.sqrt(count)))  # of the square in which they are permuted
+    for along in (orders[0] % side, orders[0] // side):
+        _, often = np.unique(np.diff(along.astype(np.int64)), return_counts=True)
+        assert often.max() < 200
 
 
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=5), st.integers(0, 2**40))
