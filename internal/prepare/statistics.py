@@ -14,6 +14,7 @@ from scipy import ndimage
 
 from internal import color
 from internal.scene.noise import noise_level
+from internal.squares import square_means
 
 LEVELS = 256
 # A photo whose brightest thousandth stays below this level shows nothing.
@@ -72,7 +73,7 @@ def sharpness(grey: Float[np.ndarray, "height width"]) -> float:
     which single-pixel noise counts less. Compares pictures of one place only.
     """
     even = grey[: grey.shape[0] // 2 * 2, : grey.shape[1] // 2 * 2]
-    half = even.reshape(even.shape[0] // 2, 2, even.shape[1] // 2, 2).mean(axis=(1, 3))
+    half = square_means(even, 2)
     return float(ndimage.laplace(half).var() / max(half.mean(), 1e-4) ** 2)
 
 

@@ -27,6 +27,7 @@ from internal import srgb_curve
 from internal.color import srgb_to_linear
 from internal.files import atomic, image_io
 from internal.scene.masks import Mask, resize_mask
+from internal.squares import square_means
 
 # Mean level and noise variance (in levels) of dark to bright parts of photos.
 Measured = tuple[Float[np.ndarray, " _bins"], Float[np.ndarray, " _bins"]]
@@ -227,7 +228,7 @@ def _blocks(
 
     def means(values: Float[np.ndarray, "_h _w"]) -> Float[np.ndarray, " blocks"]:
         whole = values[: rows * BLOCK, : columns * BLOCK]
-        return whole.reshape(rows, BLOCK, columns, BLOCK).mean(axis=(1, 3)).ravel()
+        return square_means(whole, BLOCK).ravel()
 
     mean, variance = means(levels[1:-1, 1:-1]), means(answer**2)
     counted = np.isfinite(variance)

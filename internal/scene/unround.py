@@ -20,6 +20,8 @@ import itertools
 import numpy as np
 from jaxtyping import Float
 
+from internal.squares import square_means
+
 HALF_STEP = 0.5  # levels; what rounding hides
 CELL = 4  # pixels; hues are compared by cells of as many squared
 REACH = 8  # cells; neighbours count as a Gaussian of half of it
@@ -126,11 +128,10 @@ def _cells(
     values: Float[np.ndarray, "height width c"],
 ) -> Float[np.ndarray, "rows columns c"]:
     """Means of squares of ``CELL`` pixels; the last ones repeat the border."""
-    height, width, channels = values.shape
+    height, width, _ = values.shape
     missing = (-height % CELL, -width % CELL)
     padded = np.pad(values, ((0, missing[0]), (0, missing[1]), (0, 0)), mode="edge")
-    squares = padded.reshape(padded.shape[0] // CELL, CELL, -1, CELL, channels)
-    return squares.mean(axis=(1, 3))
+    return square_means(padded, CELL)
 
 
 def _pixels(

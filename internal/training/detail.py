@@ -17,6 +17,7 @@ from scipy import ndimage
 
 from internal.color import from_uint16
 from internal.files.picture_store import Picture
+from internal.squares import square_means
 
 MOST_PIXELS = 1_000_000  # of a photo that are looked at, evenly spread
 TILE = 4  # of these along each side, even
@@ -90,5 +91,4 @@ def _means(values: Float[np.ndarray, "h w"], size: int) -> Float[np.ndarray, "_ 
     """Of squares of so many pixels along each side; zeros lie beyond the ends."""
     height, width = values.shape
     padded = np.pad(values, ((0, -height % size), (0, -width % size)))
-    squares = padded.reshape(padded.shape[0] // size, size, -1, size)
-    return squares.mean(axis=(1, 3))
+    return square_means(padded, size)
