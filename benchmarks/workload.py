@@ -23,7 +23,6 @@ from internal.models import Model
 from internal.pages import tables
 from internal.pages.pages import Table
 from internal.training import sampler
-from internal.training.detail import find_detail
 from internal.training.step import TrainState, initial_state, make_train_step
 
 FAST = "configs/llnerf_fast.gin"
@@ -77,9 +76,7 @@ def load(
     mesh = parallel.data_mesh(config.train.batch_size, jax.devices()[:devices])
     model = Model(config.model)
     choices = sampler.choices_of(scene.masks, sampler.neighbors_of(config))
-    detail = (
-        find_detail(scene.images, scene.masks) if config.train.seek_detail else None
-    )
+    detail = sampler.detail_of(scene.images, scene.masks, config.train)
     pixels = sampler.resident_pixels(scene.images, scene.gains, choices, detail)
     arguments = parallel.replicate((scene.cameras, scene.space, pixels), mesh)
     state = parallel.replicate(initial_state(config, model), mesh)

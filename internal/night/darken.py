@@ -28,7 +28,6 @@ from internal.scene.pairing import find_truth_folder
 from internal.scene.readers.base import SceneFiles
 
 TRUTH = "high"
-SHOWN = ("darkening", "photo")  # of the progress bar
 POSE_FILES = ("transforms*.json", "poses_bounds.npy", "sparse", "colmap")
 
 NO_JPEG = """Names that end in .jpg are
@@ -90,7 +89,8 @@ def darken(
         (partial / "README.txt").write_text(text)
         truth = _truth_names(files.names, files.image_paths)
         levels = []
-        for view, name in enumerate(progress.track(truth, len(truth), *SHOWN)):
+        shown = progress.track(truth, len(truth), "darkening", "photo")
+        for view, name in enumerate(shown):
             source, mask = files.image_paths[view], files.mask_paths[view]
             _copy(source, partial / TRUTH / name)
             if mask:

@@ -86,18 +86,16 @@ def end_at_mean(averaged: int, max_steps: int) -> optax.GradientTransformation:
         step = state.step + 1
         first = step == max_steps - averaged + 1  # also in a run that is extended
 
-        def add(state: Averaged) -> Averaged:
+        def add(state: Any) -> Any:
             count = jnp.where(first, 0, state.count) + 1
             total = jax.tree.map(
                 lambda t, p, u: jnp.where(first, 0.0, t) + p + u,
                 *(state.total, params, updates),
             )
-            return Averaged(step, count, total)
+            return state.replace(count=count, total=total)
 
-        def rest(state: Averaged) -> Averaged:
-            return Averaged(step, state.count, state.total)
-
-        state = jax.lax.cond(step > max_steps - averaged, add, rest, state)
+        state = state.replace(step=step)
+        state = jax.lax.cond(step > max_steps - averaged, add, lambda s: s, state)
         updates = jax.lax.cond(
             step == max_steps,
             lambda: jax.tree.map(lambda t, p: t / state.count - p, state.total, params),

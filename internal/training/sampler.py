@@ -215,6 +215,13 @@ def choices_of(masks: Sequence[Mask], neighbors: int) -> Choices | None:
     return find_choices(masks, *_OFFSETS[neighbors]) if masks else None
 
 
+def detail_of(
+    images: Sequence[Picture], masks: Sequence[Mask], train: TrainConfig
+) -> Detail | None:
+    """Where a training finds detail in photos; None if it looks for none."""
+    return find_detail(images, masks) if train.seek_detail else None
+
+
 def resident_pixels(
     images: Sequence[Picture],
     gains: Float[np.ndarray, "n 3"],
@@ -286,7 +293,7 @@ def pixel_source(
     run of several processes, are fed by the host.
     """
     choices = choices_of(masks, neighbors_of(config))
-    detail = find_detail(images, masks) if config.train.seek_detail else None
+    detail = detail_of(images, masks, config.train)
     size = gigabytes(images)
     stored = isinstance(images, PictureStore)
     if stored or jax.process_count() > 1 or size > config.max_image_memory:
