@@ -27,7 +27,7 @@ from internal.training import budget, exposure, run_folder
 from internal.training.checkpoints import Checkpoints
 from internal.training.preview import Preview
 from internal.training.run_folder import RunLog
-from internal.training.sampler import neighbors_of
+from internal.training.sampler import find_chances, neighbors_of
 from internal.training.step import check_finite, compiled_step, initial_state, summarize
 
 
@@ -45,8 +45,9 @@ def train(config: Config, scene: Scene, folder: Path) -> int:
     mesh = parallel.data_mesh(config.train.batch_size)
     model = Model(config.model)
     own, log = run_folder.own_config(folder), run_folder.read_log(folder)
+    chances = find_chances(scene, config)
     config = budget.fit(
-        config, own, log, lambda: budget.measure(config, scene, model, mesh)
+        config, own, log, lambda: budget.measure(config, scene, model, mesh, chances)
     )
     train = config.train
 
@@ -64,7 +65,7 @@ def train(config: Config, scene: Scene, folder: Path) -> int:
         noise.record(folder, scene.noise)
 
     # The loop. A step that is not finite keeps the state before it.
-    take_step = compiled_step(config, model, scene, mesh)
+    take_step = compiled_step(config, model, scene, mesh, chances)
     preview = Preview(model, scene, mesh, config.render.chunk)
     rays = train.batch_size * (neighbors_of(config) + 1)
     stats = None

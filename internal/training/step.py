@@ -34,6 +34,7 @@ from internal.structs import Level, Levels, Params, Terms
 from internal.training.optimizer import ENHANCEMENT, group_params, make_optimizer
 from internal.training.sampler import (
     Batch,
+    Chances,
     PixelSource,
     neighbors_of,
     pixel_source,
@@ -245,15 +246,23 @@ def make_train_step(
 
 
 def compiled_step(
-    config: Config, model: Model, scene: Scene, mesh: jax.sharding.Mesh
+    config: Config,
+    model: Model,
+    scene: Scene,
+    mesh: jax.sharding.Mesh,
+    chances: Chances,
 ) -> Callable[[TrainState, int], tuple[TrainState, StepStats]]:
     """The train step on a scene, as a function of the state and the finished steps.
 
     The state it is given is used up. Pictures lie on the devices, or are fed from the
-    host when too large; ``scene`` is the training split.
+    host when too large.
+
+    Args:
+        scene: the training split.
+        chances: of ``find_chances`` for that scene, which takes its time.
     """
     pixels_of_step = pixel_source(
-        scene.images, scene.gains, scene.cameras, mesh, config, scene.masks
+        scene.images, scene.gains, scene.cameras, mesh, config, chances
     )
     cameras, space = parallel.replicate((scene.cameras, scene.space), mesh)
     ideal = config.losses.observation == "ideal"
