@@ -60,7 +60,7 @@ def main(argv: Sequence[str]) -> int:
     ):
         rendering = renderer.view(state.params, index)
         display = display or display_for(config.model, rendering)
-        baselines = evaluation.brightened(rendering.rgb, scene.mask(index))
+        baselines = evaluation.brightened(np.asarray(rendering.rgb), scene.mask(index))
         if scene.mask(index).any():
             views[name] = score(scene, index, rendering, baselines)
         camtoworld = np.asarray(scene.cameras.camtoworlds[index], np.float64)

@@ -28,7 +28,13 @@ from internal.training.checkpoints import Checkpoints
 from internal.training.preview import Preview
 from internal.training.run_folder import RunLog
 from internal.training.sampler import find_chances, neighbors_of
-from internal.training.step import check_finite, compiled_step, initial_state, summarize
+from internal.training.step import (
+    bar_line,
+    check_finite,
+    compiled_step,
+    initial_state,
+    summarize,
+)
 
 
 def main(argv: Sequence[str]) -> int:
@@ -85,7 +91,7 @@ def train(config: Config, scene: Scene, folder: Path) -> int:
             if last or step % train.log_every == 0:
                 check_finite(stats, step)
                 numbers = summarize(stats)
-                bar.set_postfix_str(progress.describe(numbers, bar, rays))
+                bar.set_postfix_str(bar_line(numbers, bar, rays))
                 log.scalars(step, numbers)
             if last or step % train.preview_every == 0:
                 preview.write(log, step, state.params)
