@@ -24,7 +24,7 @@ from internal import parallel
 from internal.cameras import Cameras
 from internal.color import UINT16_ONE
 from internal.configs import Config, TrainConfig
-from internal.files.picture_store import Picture, PictureStore, gigabytes
+from internal.files.picture_store import PictureStore, StoredPicture, gigabytes
 from internal.scene.masks import Mask
 from internal.scene.scene import Scene
 from internal.training import shuffle
@@ -230,7 +230,7 @@ def choices_of(masks: Sequence[Mask], neighbors: int) -> Choices | None:
 
 
 def resident_pixels(
-    images: Sequence[Picture],
+    images: Sequence[StoredPicture],
     gains: Float[np.ndarray, "n 3"],
     chances: Chances,
 ) -> ResidentPixels:
@@ -276,7 +276,7 @@ class PixelFeeder:
 
 
 def pixel_source(
-    images: Sequence[Picture],
+    images: Sequence[StoredPicture],
     gains: Float[np.ndarray, "n 3"],
     cameras: Cameras,
     mesh: jax.sharding.Mesh,
