@@ -58,7 +58,10 @@ def main(argv: Sequence[str]) -> int:
     for index, name in enumerate(
         progress.track(scene.view_names, len(files), "evaluating", "view")
     ):
-        rendering = renderer.view(state.params, index)
+        gain = scene.gains[index]
+        light = evaluation.light_of_photo(gain)
+        rendering = renderer.view(state.params, index, light)
+        rendering = evaluation.as_photographed(rendering, gain)
         display = display or display_for(config.model, rendering)
         baselines = evaluation.brightened(np.asarray(rendering.rgb), scene.mask(index))
         if scene.mask(index).any():
@@ -95,8 +98,8 @@ def score(
 ) -> evaluation.Scores:
     """Scores of a rendered view of which some pixel counts."""
     dark, truth = photos_of(scene, view)
-    gain, mask = scene.gains[view], scene.mask(view)
-    return evaluation.score_view(rendering, baselines, dark, truth, gain, mask)
+    mask = scene.mask(view)
+    return evaluation.score_view(rendering, baselines, dark, truth, mask)
 
 
 def shown_photos(scene: Scene, view: int) -> dict[str, Picture]:
@@ -122,10 +125,11 @@ def write_page(
     explained: Mapping[str, str],
 ) -> None:
     """Writes index.html: the outputs side by side, the scores, each output."""
+    exposed = "" if np.all(scene.gains == 1.0) else ", each in its photo's exposure"
     pages.write_index(
         folder,
         f"{scene.name}: test views at step {step}",
-        "Views that training never saw, rendered by the trained model."
+        f"Views that training never saw, rendered by the trained model{exposed}."
         + report.about_masks(scene.masked, len(scene.view_names)),
         [
             report.compare_outputs(

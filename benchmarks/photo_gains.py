@@ -83,7 +83,7 @@ def gain_error(scene: Path, stops: Float[np.ndarray, " views"]) -> float:
     """Largest difference of the estimated exposures from the right ones, stops."""
     paths = readers.read_files(scene, "auto", "").image_paths
     assert len(paths) == len(stops), "a photo has no pose"
-    gains = load_gains(scene, paths, True)
+    gains = load_gains(scene, paths)
     return float(np.abs(np.log2(gains).mean(axis=-1) - stops).max())
 
 

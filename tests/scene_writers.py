@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from internal.cameras import Lens
 from internal.files import image_io
+from internal.scene.colmap import project
 
 LENS = Lens("PINHOLE", 24, 18, (20.0, 20.0, 12.0, 9.0))
 OPENCV_AXES = np.diag([1.0, -1.0, -1.0])
@@ -132,14 +133,21 @@ def llff_rows(world: World, bounds: tuple[float, float]) -> np.ndarray:
 
 
 def write_colmap(
-    folder: Path, world: World, model: str = "sparse/0", binary: bool = True
+    folder: Path,
+    world: World,
+    model: str = "sparse/0",
+    binary: bool = True,
+    tracked: bool = False,
 ) -> Path:
     write_pictures(folder / "images", world.names)
-    return write_model(folder / model, world, binary)
+    return write_model(folder / model, world, binary, tracked)
 
 
-def write_model(folder: Path, world: World, binary: bool = True) -> Path:
-    """A COLMAP model alone; its images are registered in reverse order."""
+def write_model(
+    folder: Path, world: World, binary: bool = True, tracked: bool = False
+) -> Path:
+    """A COLMAP model alone; its images are registered in reverse order, and observe the
+    points that they see if these are ``tracked``."""
     lens = world.lens
     reconstruction = pycolmap.Reconstruction()
     reconstruction.add_camera_with_trivial_rig(
@@ -155,10 +163,19 @@ def write_model(folder: Path, world: World, binary: bool = True) -> Path:
     for image_id, (name, pose) in enumerate(reversed(views), start=1):
         opencv = np.hstack([pose[:, :3] @ OPENCV_AXES, pose[:, 3:]])
         cam_from_world = pycolmap.Rigid3d(opencv).inverse()
-        image = pycolmap.Image(name=name, camera_id=1, image_id=image_id)
+        pixels = np.empty((0, 2))
+        if tracked:
+            pixels = project(lens, (world.points - pose[:, 3]) @ pose[:, :3])
+        image = pycolmap.Image(name, pixels, 1, image_id)
         reconstruction.add_image_with_trivial_frame(image, cam_from_world)
-    for point in world.points:
-        reconstruction.add_point3D(point, pycolmap.Track(), np.zeros(3, np.uint8))
+    size = np.array([lens.width, lens.height])
+    for number, point in enumerate(world.points):
+        track = pycolmap.Track()
+        for image_id, image in reconstruction.images.items() if tracked else ():
+            pixel = image.points2D[number].xy
+            if ((pixel >= 0.0) & (pixel < size)).all():
+                track.add_element(image_id, number)
+        reconstruction.add_point3D(point, track, np.zeros(3, np.uint8))
     folder.mkdir(parents=True, exist_ok=True)
     (reconstruction.write_binary if binary else reconstruction.write_text)(str(folder))
     return folder.parent

@@ -41,10 +41,10 @@ def test_a_dark_view_is_scored_under_its_photos_gain():
     gain = np.array([2.0, 1.5, 1.0], np.float32)
     photo = np.asarray(expose(rgb, jnp.broadcast_to(gain, rgb.shape)))
     rendering = Rendering(rgb, jnp.ones((*rgb.shape[:2], 1)))
-    right = evaluation.score_view(rendering, {}, photo, None, gain, ALL)["dark"]["psnr"]
-    none = np.ones(3, np.float32)
-    wrong = evaluation.score_view(rendering, {}, photo, None, none, ALL)["dark"]["psnr"]
-    alone = evaluation.score_view(rendering, {"x": photo}, None, photo, none, ALL)
+    exposed = evaluation.as_photographed(rendering, gain)
+    right = evaluation.score_view(exposed, {}, photo, None, ALL)["dark"]["psnr"]
+    wrong = evaluation.score_view(rendering, {}, photo, None, ALL)["dark"]["psnr"]
+    alone = evaluation.score_view(rendering, {"x": photo}, None, photo, ALL)
     assert alone.keys() == {"x"} and alone["x"]["psnr"] == 100.0
     assert wrong < 40.0 < 90.0 < right
 
@@ -177,8 +177,7 @@ def test_no_score_knows_what_is_under_a_mask(seed):
         )
         rendering = Rendering(jnp.asarray(dark), jnp.ones((*size, 1)))
         shown = {"lit": lit, **evaluation.brightened(dark, mask)}
-        one = np.ones(3, np.float32)
-        found.append(evaluation.score_view(rendering, shown, dark, truth, one, mask))
+        found.append(evaluation.score_view(rendering, shown, dark, truth, mask))
     assert found[0] == found[1]
     assert set(found[0]) == {"dark", "lit", *evaluation.BASELINES}
 

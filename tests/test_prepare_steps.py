@@ -19,7 +19,6 @@ from internal.prepare import (
     attempts,
     brighten,
     checks,
-    exposures,
     frame_choice,
     matching,
     photos,
@@ -36,7 +35,7 @@ from internal.prepare.photos import find_photos
 from internal.prepare.pipeline import NOTES
 from internal.prepare.video_frames import extract_frames
 from internal.prepare.zooms import split
-from internal.scene import colmap
+from internal.scene import colmap, exposures
 from internal.scene.pose_comparison import compare
 from tests.scene_writers import (
     facing_world,

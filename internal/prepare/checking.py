@@ -17,15 +17,15 @@ from internal import poses, progress
 from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
-from internal.prepare import attempts, exposures, matching, sharpness, statistics
+from internal.prepare import attempts, matching, sharpness, statistics
 from internal.prepare.brighten import copy_size
 from internal.prepare.depths import find_points
-from internal.prepare.exposures import Exposures
 from internal.prepare.matching import Copy, Pairs
 from internal.prepare.report import Report, write_report
 from internal.prepare.scene_files import HOLDOUT
 from internal.prepare.summary import Findings, summarize, train_command
-from internal.scene import colmap, readers
+from internal.scene import colmap, exposures, readers
+from internal.scene.exposures import Exposures
 from internal.scene.loading import (
     check_lenses,
     check_poses,

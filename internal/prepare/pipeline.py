@@ -23,7 +23,6 @@ from internal.files.listing import LeftOut
 from internal.files.made_folder import alone_in, begin_folder, finish_folder
 from internal.prepare import (
     attempts,
-    exposures,
     mapping,
     matching,
     scene_files,
@@ -32,7 +31,6 @@ from internal.prepare import (
 )
 from internal.prepare.attempts import Attempt
 from internal.prepare.brighten import copy_size, make_copy
-from internal.prepare.exposures import Exposures
 from internal.prepare.matching import Copy
 from internal.prepare.orient import scene_frame
 from internal.prepare.photos import Found, Photo, find_photos, read_photo
@@ -46,7 +44,8 @@ from internal.prepare.summary import (
     train_command,
 )
 from internal.prepare.video_frames import extract_frames
-from internal.scene import colmap, readers
+from internal.scene import colmap, exposures, readers
+from internal.scene.exposures import Exposures
 from internal.scene.loading import GAINS_FILE
 from internal.scene.masks import is_of_shape
 from internal.scene.pairing import pair_by_name

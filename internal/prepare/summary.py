@@ -13,11 +13,11 @@ from internal.errors import UserError
 from internal.files.listing import LeftOut
 from internal.prepare import statistics
 from internal.prepare.checks import Geometry, judge
-from internal.prepare.exposures import Exposures
 from internal.prepare.photos import Found
 from internal.prepare.report import Pictured, Report, Tried
 from internal.prepare.scene_files import HOLDOUT
 from internal.prepare.statistics import PhotoStatistics
+from internal.scene.exposures import Exposures
 from internal.scene.extent import Bounds, find_bounds, known_bounds
 from internal.scene.loading import fit_lenses, held_out
 from internal.scene.readers.base import SceneFiles

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files of a COLMAP model, binary or text, read without trust in what they state.
 
-Only what a scene needs is kept: cameras, posed images, points; what the images
-observe is passed over, so tracks may contradict each other (as edited models' do).
+Only what a scene needs is kept: cameras, posed images and the points they observe.
+What points state of images is passed over, so tracks may contradict each other (as
+edited models' do).
 Counts and lengths are checked against the file's size before anything is read by
 them: a corrupt file ends at once. Frames are COLMAP's: OpenCV, world to camera.
 """
@@ -17,7 +18,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pycolmap
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 
 from internal.cameras import Lens
 from internal.errors import UserError
@@ -27,7 +28,7 @@ PARTS = ("cameras", "images", "points3D")
 ENDINGS = (".bin", ".txt")  # binary first, as COLMAP prefers it
 LARGEST_SIDE = 2**17  # pixels: beyond any photo
 SHORTEST = 1e-6  # a quaternion that says nothing; others are brought to unit length
-POINT_2D = struct.calcsize("<ddq")
+POINT_2D = np.dtype([("pixel", "<f8", 2), ("point", "<i8")])  # point -1: none
 TRACK_ELEMENT = struct.calcsize("<ii")
 
 _MODELS = {
@@ -47,6 +48,8 @@ class Image:
     camera: int
     quaternion: tuple[float, ...]  # w, x, y, z: camera from world
     translation: tuple[float, ...]
+    points: Int[np.ndarray, " k"]  # numbers of the points that it observes
+    pixels: Float[np.ndarray, "k 2"]  # and where
 
 
 @dataclasses.dataclass(frozen=True)
@@ -204,9 +207,11 @@ def _camera_bin(file: _Bytes) -> tuple[int, Lens]:
 def _image_bin(file: _Bytes) -> Image:
     _, *pose, camera = file.take("<i7di")
     name = file.text()
-    (observed,) = file.take("<Q")
-    file.skip(observed, POINT_2D)
-    return _image(name, camera, pose)
+    (count,) = file.take("<Q")
+    start = file.place
+    file.skip(count, POINT_2D.itemsize)
+    observed = np.frombuffer(file.content, POINT_2D, count, start)
+    return _image(name, camera, pose, observed["point"], observed["pixel"])
 
 
 def _point_bin(file: _Bytes) -> tuple[float, ...]:
@@ -258,7 +263,9 @@ def _image_txt(lines: _Lines) -> Image:
     observed = lines.take().split()
     if len(observed) % 3 or (observed and not _is_number(observed[-1])):
         raise ValueError("no line of x, y and point of what it observes follows")
-    return _image(name, int(camera), [float(value) for value in pose])
+    table = np.array(observed, np.float64).reshape(-1, 3)
+    values = [float(value) for value in pose]
+    return _image(name, int(camera), values, table[:, 2].astype(np.int64), table[:, :2])
 
 
 def _is_number(text: str) -> bool:
@@ -283,11 +290,18 @@ def _lens(
     return Lens(model, width, height, params)
 
 
-def _image(name: str, camera: int, pose: list[float]) -> Image:
+def _image(
+    name: str,
+    camera: int,
+    pose: list[float],
+    points: Int[np.ndarray, " k"],
+    pixels: Float[np.ndarray, "k 2"],
+) -> Image:
     length = math.hypot(*pose[:4])
     if not name:
         raise _Corrupt("an image has no name")
     if not (length > SHORTEST and all(map(math.isfinite, pose))):
         raise _Corrupt(f"image {name!r} has a pose that is none")
     quaternion = tuple(value / length for value in pose[:4])
-    return Image(name, camera, quaternion, tuple(pose[4:]))
+    real = points >= 0
+    return Image(name, camera, quaternion, tuple(pose[4:]), points[real], pixels[real])

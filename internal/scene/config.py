@@ -19,6 +19,6 @@ class SceneConfig:
     projection: str = "auto"  # ndc, contract; auto: from the poses
     end_at_far: bool = False  # ndc: rays end at far, not at infinity
     holdout: int = 8  # every n-th view is a test view where files state no split
-    photo_gains: bool = True  # exposures.json, where the scene has one
+    photo_gains: bool = True  # photos differ in exposure: exposures.json, else measured
     unrounded: bool = False  # training photos' colours; internal/scene/unround.py
     max_image_memory: float = 4.0  # GB of pictures in memory; more stay on disk

@@ -18,7 +18,8 @@ from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
 from internal.files.listing import list_pictures, say_once
-from internal.scene import colmap
+from internal.scene import colmap, exposures
+from internal.scene.config import SceneConfig
 from internal.scene.masks import Mask, blackened, is_of_shape
 from internal.scene.pairing import find_truth_folder, pair_truth, some
 from internal.scene.readers.base import SceneFiles
@@ -274,10 +275,38 @@ def load_picture(
     return color.to_uint16(shrunk)
 
 
-def load_gains(
-    data_dir: Path, image_paths: Sequence[Path], wanted: bool
-) -> Float[np.ndarray, "n 3"]:
-    """Linear light of each photo over the scene's; ones without a file of them.
+def find_gains(
+    config: SceneConfig, files: SceneFiles, has_photo: Bool[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "n 3"], str]:
+    """Linear light of each photo over the scene's, and where that is known from: the
+    scene's file, else the points that its COLMAP model says photos share; ones and ""
+    where neither is there.
+
+    Raises:
+        UserError: as ``load_gains``; a photo that has points cannot be read.
+    """
+    data_dir = Path(config.data_dir)
+    gains = np.ones((len(files.names), 3), np.float32)
+    if not config.photo_gains:
+        return gains, ""
+    if (data_dir / GAINS_FILE).is_file() and not config.images_dir:
+        paths = [files.image_paths[view] for view in np.flatnonzero(has_photo)]
+        gains[has_photo] = load_gains(data_dir, paths)
+        return gains, GAINS_FILE
+    sighted = exposures.find_sighted(data_dir, files.names)
+    sighted = {view: seen for view, seen in sighted.items() if has_photo[view]}
+    if not sighted:
+        return gains, ""
+
+    def read(view: int) -> Float[np.ndarray, "_height _width 3"]:
+        return image_io.read_srgb(files.image_paths[view], upright=False)
+
+    found = exposures.measure(sighted, read, len(gains))
+    return np.float32(found.gains), "measured at points that photos share"
+
+
+def load_gains(data_dir: Path, image_paths: Sequence[Path]) -> Float[np.ndarray, "n 3"]:
+    """Linear light of each photo over the scene's, from the scene's file.
 
     The file names a photo by its path inside the folder of photos.
 
@@ -285,8 +314,6 @@ def load_gains(
         UserError: the file cannot be read, or a photo's gain is missing or senseless.
     """
     path = data_dir / GAINS_FILE
-    if not (wanted and path.is_file()):
-        return np.ones((len(image_paths), 3), np.float32)
     try:
         stored = json.loads(path.read_text())["gains"]
         rows = []

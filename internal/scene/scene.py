@@ -35,15 +35,14 @@ from internal.scene.extent import (
 )
 from internal.scene.identity import Identity, identify
 from internal.scene.loading import (
-    GAINS_FILE,
     Truth,
     check_lenses,
     check_poses,
     check_sides,
+    find_gains,
     find_truth,
     fit_lenses,
     held_out,
-    load_gains,
     load_picture,
     load_truth,
     warn_of_leaks,
@@ -126,6 +125,7 @@ class _Layout:
     frame: ModelFrame
     truth: Truth
     gains: Float[np.ndarray, "n 3"]
+    gains_source: str  # for messages
     masks: tuple[Mask, ...]
 
     def mask(self, view: int) -> Mask:
@@ -213,15 +213,19 @@ def _lay_out(
     frame = choose_frame(files, lenses, bounds, config.projection, config.end_at_far)
     truth = _find_truth(files, data_dir, config.gt_dir, is_test, needed=needs_truth)
     has_photo = ~is_test if truth.is_alone else np.ones_like(is_test)
-    gains = np.ones((len(is_test), 3), np.float32)
-    gains[has_photo] = load_gains(
-        data_dir,
-        [files.image_paths[view] for view in np.flatnonzero(has_photo)],
-        config.photo_gains and not config.images_dir,
-    )
+    gains, gains_source = find_gains(config, files, has_photo)
     masks = load_masks(files, lenses, is_test)
     return _Layout(
-        files, lenses, is_test, has_photo, bounds, frame, truth, gains, masks
+        files,
+        lenses,
+        is_test,
+        has_photo,
+        bounds,
+        frame,
+        truth,
+        gains,
+        gains_source,
+        masks,
     )
 
 
@@ -323,16 +327,16 @@ def _report(scene: Scene, layout: _Layout) -> None:
         f"  depth: near {bounds.near:.4g}, far {bounds.far:.4g} ({bounds.source}), "
         f"{len(files.points)} points\n"
         f"  projection: {frame.reason}\n"
-        f"  exposures: {_describe_gains(scene.gains)}\n"
+        f"  exposures: {_describe_gains(scene.gains, layout.gains_source)}\n"
         f"  truth: {truth.reason}"
     )
 
 
-def _describe_gains(gains: Float[np.ndarray, "n 3"]) -> str:
+def _describe_gains(gains: Float[np.ndarray, "n 3"], source: str) -> str:
     if np.all(gains == 1.0):
-        return "equal"
+        return f"equal ({source})" if source else "taken as equal"
     stops = np.log2(gains).mean(axis=-1)
-    return f"differ, {stops.min():+.2f} to {stops.max():+.2f} stops ({GAINS_FILE})"
+    return f"differ, {stops.min():+.2f} to {stops.max():+.2f} stops ({source})"
 
 
 def _warn_of_normal_light(scene: Scene) -> None:

@@ -7,11 +7,14 @@ against that truth; one baseline, ``unchanged``, is the dark rendering itself. P
 are [height, width, 3] sRGB in [0, 1]; masks are True where a pixel counts.
 """
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from internal import color
+from internal.enhancements.look import NEUTRAL, LightEdit
 from internal.scene.masks import Mask
 from internal.scoring import baselines, metrics
 from internal.structs import LitRendering, Rendering
@@ -41,26 +44,39 @@ BASELINES = {
 }
 
 
+def light_of_photo(gain: Float[np.ndarray, " 3"]) -> LightEdit:
+    """The neutral light edit in the exposure of a photo that took ``gain`` times the
+    scene's linear light; truth of its view is taken to have been exposed likewise."""
+    return dataclasses.replace(NEUTRAL, gains=np.asarray(gain, np.float32))
+
+
+def as_photographed(
+    rendering: Rendering | LitRendering, gain: Float[np.ndarray, " 3"]
+) -> Rendering | LitRendering:
+    """A rendering under ``light_of_photo(gain)`` whose dark colours are the photo's,
+    too; a gain of 1 changes no bit."""
+    rgb = jnp.asarray(rendering.rgb)
+    exposed = color.expose(rgb, jnp.broadcast_to(gain, rgb.shape))
+    return dataclasses.replace(rendering, rgb=np.asarray(exposed))
+
+
 def score_view(
     rendering: Rendering | LitRendering,
     baseline_pictures: Pictures,
     dark: Float[np.ndarray, "height width 3"] | None,
     truth: Float[np.ndarray, "height width 3"] | None,
-    gain: Float[np.ndarray, " 3"],
     mask: Mask,
 ) -> Scores:
     """Scores of one rendered view and of what ``brightened`` makes of it.
 
     Args:
-        dark: the photo, which took ``gain`` times the scene's linear light; None where
-            there is none, which holds for ``truth`` too.
+        rendering: in the exposure of the photos, ``as_photographed``.
+        dark: the photo; None where there is none, which holds for ``truth`` too.
         mask: of photo and truth; some pixel counts.
     """
     scores: Scores = {}
     if dark is not None:
-        rgb = jnp.asarray(rendering.rgb)
-        photo = color.expose(rgb, jnp.broadcast_to(gain, rgb.shape))
-        scores["dark"] = metrics.score_dark(np.asarray(photo), dark, mask)
+        scores["dark"] = metrics.score_dark(np.asarray(rendering.rgb), dark, mask)
     if truth is None:
         return scores
     if isinstance(rendering, LitRendering):

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Exposures of photos that a COLMAP model has points of, without a file that states
+them."""
+
+import numpy as np
+import pytest
+
+from internal.color import srgb_to_linear
+from internal.files import image_io
+from internal.scene.config import SceneConfig
+from internal.scene.exposures import Sighted, measure
+from internal.scene.scene import Scene, load_scene
+from tests.scene_writers import (
+    facing_world,
+    flat_picture,
+    write_colmap,
+    write_model,
+    write_nerfstudio,
+)
+
+WORLD = facing_world(5)
+LEVELS = np.array([10.0, 20.0, 14.0, 9.0, 30.0])  # of 255, of a scene of one grey
+
+
+def load(folder, **settings) -> Scene:
+    config = SceneConfig(str(folder), holdout=0, **settings)
+    return load_scene(config, "train")
+
+
+def write_flat(folder) -> None:
+    for name, level in zip(WORLD.names, LEVELS, strict=True):
+        image_io.write(folder / name, flat_picture(level))
+
+
+def expected_gains() -> np.ndarray:
+    light = np.asarray(srgb_to_linear(LEVELS / 255.0))
+    return light / np.exp(np.log(light).mean())
+
+
+@pytest.mark.parametrize("binary", [True, False])
+def test_photos_of_one_scene_are_brought_to_one_exposure(tmp_path, binary, capsys):
+    write_colmap(tmp_path, WORLD, binary=binary, tracked=True)
+    write_flat(tmp_path / "images")
+    scene = load(tmp_path)
+    assert scene.view_names == tuple(WORLD.names)
+    np.testing.assert_allclose(scene.gains.T, [expected_gains()] * 3, rtol=2e-3)
+    assert "exposures: differ, -0.89 to +1.36" in capsys.readouterr().out
+    np.testing.assert_array_equal(load(tmp_path, photo_gains=False).gains, 1.0)
+
+
+def test_a_model_beside_other_poses_tells_exposures_too(tmp_path):
+    write_nerfstudio(tmp_path, WORLD)
+    write_model(tmp_path / "sparse" / "0", WORLD, tracked=True)
+    write_flat(tmp_path / "images")
+    np.testing.assert_allclose(load(tmp_path).gains[:, 0], expected_gains(), rtol=2e-3)
+
+
+def test_equal_photos_keep_every_bit_of_their_light(tmp_path, capsys):
+    write_colmap(tmp_path, WORLD, tracked=True)
+    for name in WORLD.names:
+        image_io.write(tmp_path / "images" / name, flat_picture(12.0))
+    np.testing.assert_array_equal(load(tmp_path).gains, 1.0)
+    assert "exposures: equal (measured" in capsys.readouterr().out
+
+
+def test_tracks_that_are_none_change_nothing():
+    """Light that differs at each sighting of a point is no exposure."""
+    rng = np.random.default_rng(0)
+    pictures = [
+        np.kron(rng.uniform(0.05, 0.9, (6, 8, 1)), np.ones((10, 10, 3))) * share
+        for share in (0.3, 1.0, 0.5)
+    ]
+    sighted = {
+        view: Sighted(np.arange(200), rng.uniform(0.0, 1.0, (200, 2)))
+        for view in range(3)
+    }
+    found = measure(sighted, lambda view: pictures[view], 3)
+    assert np.abs(found.measured_stops).max() > 0.5
+    np.testing.assert_array_equal(found.gains, 1.0)
