@@ -5,10 +5,12 @@ A fake studio renders constant pictures, so nothing compiles; the page itself is
 test_browser.py.
 """
 
+import asyncio
 import contextlib
 import dataclasses
 import gc
 import json
+import threading
 import types
 
 import jax
@@ -563,6 +565,34 @@ def test_a_page_of_another_origin_is_sent_away(studio, server):
 
     assert first_answer("http://elsewhere") is None
     assert first_answer(server.address) is not None
+
+
+@pytest.mark.parametrize("ends", ["page", "server"])
+def test_what_a_page_wanted_done_ends_with_it(studio, tmp_path, ends):
+    config = load_config([], [f"Config.checkpoint_dir = {str(tmp_path)!r}"])
+    server = Server(config, studio, "127.0.0.1", port=0)
+    begun, ended = threading.Event(), threading.Event()
+
+    async def take_long(_):
+        begun.set()
+        try:
+            await asyncio.sleep(600.0)
+        except asyncio.CancelledError:
+            ended.set()
+            raise
+
+    with connected(server) as socket:
+        socket.send(browser_message())
+        until(lambda: server._pages, "a page")
+        (client,) = server._server.get_clients().values()
+        client.camera.on_update(take_long)
+        socket.send(browser_message(position=[0.1, 0.0, 0.0]))
+        until(begun.is_set, "something that takes long")
+        if ends == "server":
+            server.close()
+    until(ended.is_set, "its end")
+    if ends == "page":
+        server.close()
 
 
 def test_a_control_takes_what_its_page_can_send(studio, server):

@@ -8,8 +8,10 @@ that no page of ours sends is dropped, a page of another origin is sent away, an
 whatever fails all the same is one line.
 """
 
+import asyncio
 import logging
 import math
+from collections import defaultdict
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 from urllib.parse import urlsplit
@@ -41,6 +43,8 @@ class Gate:
         guarded: Any = self._guarded(self._connections._handle_incoming_message)
         self._connections._handle_incoming_message = guarded
         self._connections._client_connect_cb.insert(0, self._open)
+        self._connections._client_disconnect_cb.insert(0, self._end)
+        self._running: defaultdict[int, set[Any]] = defaultdict(set)
         logging.getLogger("websockets.server").addFilter(_in_one_line)
 
     async def _open(self, connection: infra.WebsockClientConnection) -> None:
@@ -55,8 +59,18 @@ class Gate:
         guarded: Any = self._guarded(connection._handle_incoming_message)
         connection._handle_incoming_message = guarded
 
+    async def _end(self, connection: infra.WebsockClientConnection) -> None:
+        """Ends what a page that has gone still wanted done: nobody waits for it, and
+        viser forgets it half done when it stops."""
+        tasks = self._running.pop(connection.client_id, set())
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
     def _guarded(self, handle: Handle) -> Handle:
         async def run(client_id: infra.ClientId, message: infra.Message) -> None:
+            running, task = self._running[client_id], asyncio.current_task()
+            running.add(task)
             try:
                 if self._is_sound(client_id, message):
                     await handle(client_id, message)
@@ -65,6 +79,8 @@ class Gate:
                     f"a page's message was not understood: {one_line(error)}",
                     flush=True,
                 )
+            finally:
+                running.discard(task)
 
         return run
 
