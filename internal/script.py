@@ -13,7 +13,7 @@ import shlex
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from types import FrameType
+from types import FrameType, TracebackType
 
 from internal import flags, process
 from internal.errors import Diverged, UserError, has_utf8, one_line
@@ -25,6 +25,7 @@ FAILURE_EXIT = 1  # what nobody can fix beforehand, such as a loss that diverges
 def begin(parser: argparse.ArgumentParser, *, computes: bool = True) -> None:
     """Answers ``--help``, wrong flags and names of what is not there; a script that
     computes then starts again, once, with the variables that ``process`` wants."""
+    sys.excepthook = _say_uncaught
     args = parser.parse_args()
     try:
         _check_text(*sys.argv[1:], os.getcwd())
@@ -33,6 +34,16 @@ def begin(parser: argparse.ArgumentParser, *, computes: bool = True) -> None:
         sys.exit(_failed(error))
     if computes:
         process.restart_tuned()
+
+
+def _say_uncaught(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
+    """Ctrl-C while imports take their seconds is no fault of theirs."""
+    if issubclass(kind, KeyboardInterrupt):
+        print("interrupted", file=sys.stderr)
+    else:
+        sys.__excepthook__(kind, error, trace)
 
 
 def _check_text(*words: str) -> None:

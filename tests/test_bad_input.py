@@ -343,6 +343,16 @@ def test_who_stops_reading_the_output_gets_no_traceback():
     assert result.stderr == ""
 
 
+def test_an_interrupt_during_imports_has_no_traceback(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["prepare.py", "photos", "scene"])
+    monkeypatch.setattr(sys, "excepthook", sys.__excepthook__)
+    script.begin(flags_of.prepare("Doc."), computes=False)
+    sys.excepthook(KeyboardInterrupt, KeyboardInterrupt(), None)
+    assert capsys.readouterr().err == "interrupted\n"
+    sys.excepthook(ZeroDivisionError, ZeroDivisionError("by 0"), None)
+    assert "ZeroDivisionError: by 0" in capsys.readouterr().err
+
+
 def test_a_closed_output_changes_no_exit_code(monkeypatch):
     monkeypatch.setattr(sys, "stdout", None)
     assert exit_code(lambda _: 0, [], monkeypatch) == 0

@@ -3,6 +3,10 @@
 
 import dataclasses
 import math
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pycolmap
@@ -197,3 +201,14 @@ def test_truncated_model_is_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(UserError, match=r"not a readable COLMAP model \(.+export"):
         colmap.read_model(tmp_path)
+
+
+def test_a_program_that_is_asked_to_end_prints_no_stack():
+    code = "from internal.scene import colmap; import os; os.kill(os.getpid(), 15)"
+    result = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=Path(__file__).parents[1],
+        capture_output=True,
+        text=True,
+    )
+    assert (result.returncode, result.stderr) == (-signal.SIGTERM, "")

@@ -67,6 +67,17 @@ def test_field_space_and_back_is_the_identity(x, y, z, space):
     np.testing.assert_allclose(again, point, rtol=2e-3, atol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("place", "is_said"), [(0.0, False), (1e3, False), (4e6, True)]
+)
+def test_coordinates_that_single_precision_rounds_are_said(place, is_said, capsys):
+    points = place + np.random.default_rng(0).uniform(-4.0, 4.0, (50, 3))
+    export_folder.warn_of_rounding(points)
+    said = capsys.readouterr().out
+    assert ("subtract an offset" in said) == is_said
+    assert ("steps of 0.25" in said) == is_said
+
+
 def test_ndc_of_the_near_plane_and_of_infinity():
     ends = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, -1e9]])
     np.testing.assert_allclose(NDC.to_field(ends)[:, 2], [-1.0, 1.0], atol=1e-6)

@@ -10,8 +10,7 @@ import numpy as np
 import OpenImageIO as oiio
 import PIL.Image
 import pytest
-from PIL import Image
-from PIL.TiffImagePlugin import IFDRational
+from PIL import Image, PngImagePlugin, TiffImagePlugin
 
 from internal import color, extras
 from internal.errors import UserError
@@ -179,6 +178,7 @@ def layered(path, **options):
 
 def preview_first(path):
     file = oiio.ImageOutput.create(str(path))
+    assert file
     sizes = [(14, 10), (56, 40)]
     specs = [oiio.ImageSpec(*size, 3, "uint8") for size in sizes]
     assert file.open(str(path), specs)
@@ -315,7 +315,7 @@ def test_a_gamma_that_nobody_means_and_one_beside_srgb_change_nothing(tmp_path):
     for gamma in (0, 1, 2**31 - 1):
         path = png_with(tmp_path / "a.png", b"gAMA", struct.pack(">I", gamma))
         np.testing.assert_allclose(image_io.read_srgb(path), 148 / 255, atol=1e-6)
-    text = PIL.PngImagePlugin.PngInfo()
+    text = PngImagePlugin.PngInfo()
     text.add(b"sRGB", b"\0")
     content = struct.pack(">I", 100_000)
     path = png_with(tmp_path / "a.png", b"gAMA", content, pnginfo=text)
@@ -352,11 +352,11 @@ XMP_SPELLINGS = (
 
 def with_xmp(path, packet: bytes, **options):
     if path.suffix == ".png":
-        text = PIL.PngImagePlugin.PngInfo()
+        text = PngImagePlugin.PngInfo()
         text.add_itxt("XML:com.adobe.xmp", packet.decode())
         return saved(path, pnginfo=text, **options)
     if path.suffix == ".tif":
-        tags = PIL.TiffImagePlugin.ImageFileDirectory_v2()
+        tags = TiffImagePlugin.ImageFileDirectory_v2()
         tags[700] = packet
         tags.tagtype[700] = 1
         return saved(path, tiffinfo=tags, **options)
@@ -400,7 +400,7 @@ def test_the_camera_its_lens_and_its_zoom_are_known(name, tmp_path):
     tags[0x010F], tags[0x0110] = "Maker", "Phone 9"
     more = tags.get_ifd(0x8769)
     more[0xA434], more[0xA405] = "Zoom 24-70", 26
-    more[0x920A] = IFDRational(81, 2)
+    more[0x920A] = TiffImagePlugin.IFDRational(81, 2)
     found = image_io.read_exif(saved(tmp_path / name, exif=tags))
     assert found == image_io.Exif("Maker Phone 9", "Zoom 24-70", 40.5, 26.0)
 

@@ -55,6 +55,35 @@ def test_focal_lengths_however_they_are_stated(own, frames_own, focal, tmp_path)
     assert lens.params[:2] == pytest.approx(focal, abs=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("sizes", "is_said"),
+    [
+        ([(24, 18), (24, 18)], False),
+        ([(24, 18), (48, 36)], False),
+        ([(24, 18), (24, 24)], False),  # cropped above and below: of one width
+        ([(24, 18), (18, 24)], True),
+    ],
+)
+def test_one_angle_for_pictures_of_several_shapes_is_said(
+    sizes, is_said, tmp_path, capsys
+):
+    world = surrounding_world(6)
+    write_nerfstudio(tmp_path, world)
+
+    def change(content):
+        for key in ("fl_x", "fl_y", "cx", "cy", "w", "h"):
+            del content[key]
+        content["camera_angle_x"] = 2.0 * math.atan(0.6)
+
+    edit_json(tmp_path / "transforms.json", change)
+    for view, name in enumerate(world.names):
+        image_io.write(tmp_path / "images" / name, flat_picture(9, *sizes[view % 2]))
+    lenses = read_files(tmp_path, "auto", "").lenses
+    focals = [lens.params[0] / lens.width for lens in lenses]
+    assert focals == pytest.approx([20 / 24] * 6)
+    assert ("one camera_angle_x for pictures" in capsys.readouterr().out) == is_said
+
+
 def test_distortion_terms_of_nerfstudios_list(tmp_path):
     terms = [0.1, 0.02, 0.003, 0.0, 0.01, 0.02]  # k1 k2 k3 k4 p1 p2
     write_nerfstudio(tmp_path, surrounding_world(6), distortion_params=terms)
@@ -318,6 +347,13 @@ def test_a_folder_inside_a_scene_says_where_the_scene_is(inside, tmp_path):
         read_files(tmp_path / inside, "auto", "")
     with pytest.raises(UserError, match=r"images\.bin: a file; expected the folder"):
         read_files(tmp_path / "sparse/0/images.bin", "auto", "")
+
+
+def test_a_folder_of_scenes_says_which_there_are(tmp_path):
+    for name in ("a", "b"):
+        write_nerfstudio(tmp_path / name, surrounding_world(6))
+    with pytest.raises(UserError, match=rf"; scenes are {tmp_path}/a, {tmp_path}/b$"):
+        read_files(tmp_path, "auto", "")
 
 
 def test_gains_nested_beyond_reading_are_refused(tmp_path):

@@ -223,6 +223,12 @@ def test_each_fault_makes_a_scene_unfit(change, word):
     assert word in verdict.warnings[0]
 
 
+def test_photos_that_do_not_fit_their_poses_make_a_scene_unfit():
+    verdict = checks.judge(GOOD, [DARK] * 20, (), 0.0, ("a.png", "b.png"))
+    assert not verdict.fit
+    assert "2 photos do not fit their poses (a.png, b.png)" in verdict.warnings[0]
+
+
 def attempt_on(views, points):
     """An attempt that placed so many views, on so many points."""
     options = pycolmap.SyntheticDatasetOptions(

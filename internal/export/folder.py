@@ -29,6 +29,7 @@ SPLAT_LOOKS = {"enhanced": "lit", "dark": "as dark as the photos"}
 LOOKS = {"enhanced": ("enhanced",), "dark": ("dark",), "both": ("enhanced", "dark")}
 
 COLMAP_POINTS = 20_000  # enough to start splats from
+FINEST = 1e-3  # of the cloud's extent
 FEWEST_VIEWS = 2  # that must agree on a point of the cloud
 SMALLEST_STEP = 2e-3  # of normals' differences, share of the distance to the cameras
 
@@ -63,6 +64,7 @@ def write_all(
     cloud = find_cloud(scene, sightings, density, wanted.points)
     mesh = find_mesh(scene, sightings, density, cloud.points, wanted.resolution)
     cloud, mesh = _in_world(cloud, mesh, scene.model_from_world.inverse())
+    warn_of_rounding(cloud.points)
     shapes.write_cloud(folder / "points.ply", cloud)
     for name in ("mesh.ply", "mesh.glb"):
         shapes.write_mesh(folder / name, mesh)
@@ -75,6 +77,19 @@ def write_all(
         facts |= _write_splats(folder, baked, scene)
     _write_dataset(folder / "dataset", scene, sightings, cloud)
     return facts
+
+
+def warn_of_rounding(points: Float[np.ndarray, "n 3"]) -> None:
+    """Says so where single precision, which PLY and glTF files have, cannot tell what
+    lies side by side: far from the origin, as in the coordinates of maps."""
+    farthest, extent = np.abs(points).max(), np.ptp(points, axis=0).max()
+    step = float(np.spacing(np.float32(farthest)))
+    if step > FINEST * extent:
+        print(
+            f"WARNING: coordinates reach {farthest:.3g}, where PLY and glTF files have "
+            f"steps of {step:.2g}, in a scene {extent:.3g} across: subtract an offset "
+            "from the poses and train anew for files that are finer"
+        )
 
 
 def _in_world(

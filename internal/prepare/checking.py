@@ -19,6 +19,7 @@ from internal.errors import UserError
 from internal.files import image_io
 from internal.prepare import attempts, matching, sharpness, statistics
 from internal.prepare.brighten import copy_size
+from internal.prepare.checks import USELESS_ERROR
 from internal.prepare.depths import find_points
 from internal.prepare.matching import Copy, Pairs
 from internal.prepare.report import Report, write_report
@@ -34,7 +35,8 @@ from internal.scene.loading import (
     fit_lenses,
     held_out,
 )
-from internal.scene.readers.base import SceneFiles
+from internal.scene.plausible import cloud_fault
+from internal.scene.readers.base import POINTS_OF_MODEL, SceneFiles
 
 NEIGHBOURS = 3  # that each view is matched with
 PARALLEL = np.radians(0.5)
@@ -54,6 +56,10 @@ def check_scene(data_dir: Path, folder: Path) -> Report:
     if not len(files.points):
         points = find_points(files, range(len(files.names)), ())
         files = dataclasses.replace(files, points=points)
+    elif files.points_source != POINTS_OF_MODEL:  # which rest on photos themselves
+        fault = cloud_fault(files, find_points(files, range(len(files.names)), ()))
+        if fault:
+            raise UserError(f"{files.pose_paths[0]}: {fault}")
     check_sides(files)
     truth = find_truth(files, data_dir, "", held_out(files, HOLDOUT))
     count = len(files.names)
@@ -79,6 +85,10 @@ def check_scene(data_dir: Path, folder: Path) -> Report:
         total=count,
         error=epipolar_error(files.camtoworlds, small, pixels),
         error_kind="median epipolar error",
+        misplaced=tuple(
+            files.names[view]
+            for view in misplaced(files.camtoworlds, small, pixels, USELESS_ERROR)
+        ),
         sharpness=dict(zip(files.names, relative.tolist(), strict=True)),
         exposures=_exposures(files, copies, pixels),
         truth=truth.reason,
@@ -125,6 +135,27 @@ def epipolar_error(
         for (i, j), ends in pixels.items()
     ]
     return float(np.median(np.concatenate(errors or [[lenses[0].width]])))
+
+
+def misplaced(
+    camtoworlds: Float[np.ndarray, "n 3 4"],
+    lenses: list[Lens],
+    pixels: PixelPairs,
+    largest: float,
+) -> list[int]:
+    """Views that agree with none of the views that they share matches with, where most
+    do with some.
+
+    Args:
+        largest: error in pixels, the median over a pair's matches.
+    """
+    fits: dict[int, list[bool]] = {}
+    for (i, j), ends in pixels.items():
+        errors = _match_errors(camtoworlds[[i, j]], (lenses[i], lenses[j]), ends)
+        for view in (i, j):
+            fits.setdefault(view, []).append(bool(np.median(errors) <= largest))
+    wrong = [view for view, held in fits.items() if not any(held)]
+    return sorted(wrong) if len(wrong) < len(fits) / 2 else []
 
 
 def _match_errors(

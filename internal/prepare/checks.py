@@ -61,6 +61,7 @@ def judge(
     photos: Sequence[PhotoStatistics],
     failed: Sequence[LeftOut],
     stops: float,
+    misplaced: Sequence[str] = (),
 ) -> Verdict:
     """Judges a scene.
 
@@ -68,19 +69,30 @@ def judge(
         photos: statistics of the usable photos.
         failed: photos without a pose, usable or not.
         stops: largest exposure difference of a photo from the others.
+        misplaced: photos that do not fit their poses though the others do.
     """
     faults = _faults(geometry, len(photos))
+    if misplaced:
+        faults.append(
+            f"{len(misplaced)} photos do not fit their poses ({_named(misplaced)}): "
+            "what they share with the photos nearby lies elsewhere; give them the "
+            "poses of the others' frame, or remove them."
+        )
     advice = [*_geometry_advice(geometry), *_light_advice(photos, stops)]
     if failed:
-        names = ", ".join(f.name for f in failed[:NAMES_SHOWN])
-        more = f" and {len(failed) - NAMES_SHOWN} more" * (len(failed) > NAMES_SHOWN)
+        names = _named([f.name for f in failed])
         advice.insert(
             0,
-            f"{len(failed)} photos have no pose ({names}{more}); the table says why. "
+            f"{len(failed)} photos have no pose ({names}); the table says why. "
             "If that part of the scene matters, take more photos there, each "
             "overlapping its neighbours by two thirds.",
         )
     return Verdict(not faults, (*faults, *advice))
+
+
+def _named(names: Sequence[str]) -> str:
+    more = f" and {len(names) - NAMES_SHOWN} more" * (len(names) > NAMES_SHOWN)
+    return ", ".join(names[:NAMES_SHOWN]) + more
 
 
 def _faults(geometry: Geometry, photos: int) -> list[str]:

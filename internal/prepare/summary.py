@@ -38,6 +38,7 @@ class Findings:
     exposures: Exposures
     truth: str
     next_command: str
+    misplaced: tuple[str, ...] = ()  # photos whose matches their poses do not fit
     failed: tuple[LeftOut, ...] = ()  # photos without a pose, and why
     left_out: tuple[str, ...] = ()  # photos with a pose that do harm
     tried: tuple[Tried, ...] = ()
@@ -55,7 +56,7 @@ def summarize(files: SceneFiles, found: Findings) -> tuple[Report, Pictured]:
     )
     largest = float(np.abs(found.exposures.measured_stops).max())
     stops = 0.0 if found.exposures.equal else largest
-    verdict = judge(geometry, found.photos, found.failed, stops)
+    verdict = judge(geometry, found.photos, found.failed, stops, found.misplaced)
     report = Report(
         source=found.source,
         fit=verdict.fit,

@@ -11,6 +11,8 @@ leaves this module is OpenGL (x right, y up, z backwards). Pixel coordinates are
 
 import dataclasses
 import math
+import signal
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -26,6 +28,9 @@ from internal.scene import colmap_files
 
 # It reports every file it reads and every attempt that fails on stderr.
 pycolmap.logging.minloglevel = 3
+# And a stack of its own where a program is asked to end: what Python had set holds.
+if threading.current_thread() is threading.main_thread():
+    signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGTERM))
 
 # A model lies in one of these or in a numbered folder of it.
 MODEL_ROOTS = ("sparse", "colmap_sparse", "colmap/sparse")

@@ -20,6 +20,7 @@ from internal.files import image_io
 from internal.files.listing import list_pictures, say_once
 from internal.scene import colmap, exposures
 from internal.scene.config import SceneConfig
+from internal.scene.extent import Bounds
 from internal.scene.masks import Mask, blackened, is_of_shape
 from internal.scene.pairing import find_truth_folder, pair_truth, some
 from internal.scene.readers.base import SceneFiles
@@ -67,11 +68,13 @@ def check_poses(files: SceneFiles) -> None:
     )
 
 
-def warn_of_one_place(files: SceneFiles) -> None:
-    """Says so if all photos were taken from one place: depth is then unknown."""
+def warn_of_one_place(files: SceneFiles, bounds: Bounds) -> None:
+    """Says so if all photos were taken from one place: depth is then unknown. Far from
+    the origin, as in maps, the depth that is known tells whether it is one."""
     centres = files.camtoworlds[:, :, 3]
     apart = np.linalg.norm(centres - centres.mean(axis=0), axis=-1).max()
-    if apart <= SAME_PLACE * np.abs(centres).max(initial=0.0):
+    is_apart = apart > 0.0 and not bounds.guessed and apart > SAME_PLACE * bounds.far
+    if not is_apart and apart <= SAME_PLACE * np.abs(centres).max(initial=0.0):
         say_once(
             f"WARNING: {files.pose_paths[0]}: all {len(centres)} cameras stand at one "
             "place, so nothing tells how far things are: take photos a step apart"
@@ -302,7 +305,7 @@ def find_gains(
         return image_io.read_srgb(files.image_paths[view], upright=False)
 
     found = exposures.measure(sighted, read, len(gains))
-    return np.float32(found.gains), "measured at points that photos share"
+    return found.gains.astype(np.float32), "measured at points that photos share"
 
 
 def load_gains(data_dir: Path, image_paths: Sequence[Path]) -> Float[np.ndarray, "n 3"]:

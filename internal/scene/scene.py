@@ -52,6 +52,7 @@ from internal.scene.loading import (
 from internal.scene.masks import Mask, everything, load_masks, masked_share, report
 from internal.scene.noise import Noise, noise_of_files
 from internal.scene.pairing import some
+from internal.scene.plausible import check_depths, warn_of_other_frame
 from internal.scene.readers.base import SceneFiles
 
 # LOM's dark pictures average 0.05 to 0.1 in sRGB, their normal-light twins 0.5.
@@ -189,11 +190,11 @@ def _lay_out(
     check_poses(files)
     check_lenses(files)
     check_sides(files)
-    warn_of_one_place(files)
     warn_of_strays(files)
     lenses = fit_lenses(files, config.factor)
     is_test = held_out(files, config.holdout)
     warn_of_leaks(files, is_test)
+    warn_of_other_frame(files, lenses, is_test)
     trained = int((~is_test).sum())
     if trained < 2:
         raise UserError(
@@ -210,6 +211,8 @@ def _lay_out(
         )
         known = known_bounds(files, lenses, ~is_test)
     bounds = find_bounds(files, known, near, far)
+    warn_of_one_place(files, bounds)
+    check_depths(files, lenses, bounds, ~is_test)
     frame = choose_frame(files, lenses, bounds, config.projection, config.end_at_far)
     truth = _find_truth(files, data_dir, config.gt_dir, is_test, needed=needs_truth)
     has_photo = ~is_test if truth.is_alone else np.ones_like(is_test)

@@ -53,15 +53,19 @@ def read_files(
     looked_for = "; ".join(f"{r.name}: {r.looked_for}" for r in asked)
     raise UserError(
         f"{data_dir}: no scene found. Looked for {looked_for}. "
-        f"The folder contains {_contents(data_dir)}{_above(data_dir, asked)}"
+        f"The folder contains {_contents(data_dir)}{_nearby(data_dir, asked)}"
     )
 
 
-def _above(folder: Path, asked: list[Reader]) -> str:
-    """Where the scene is, if a folder of one was named."""
-    for parent in list(folder.resolve().parents)[:2]:
-        if any(reader.matches(parent) for reader in asked):
-            return f"; the scene is {parent}"
+def _nearby(folder: Path, asked: list[Reader]) -> str:
+    """Where scenes are, if a folder of one or of several was named."""
+    above = list(folder.resolve().parents)[:2]
+    below = sorted(path for path in folder.iterdir() if path.is_dir())
+    for places in (above, below):
+        found = [p for p in places if any(reader.matches(p) for reader in asked)]
+        if found:
+            are = "the scene is" if len(found) == 1 else "scenes are"
+            return f"; {are} {', '.join(map(str, found[:SHOWN_ENTRIES]))}"
     return ""
 
 

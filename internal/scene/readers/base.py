@@ -14,6 +14,8 @@ from jaxtyping import Float
 
 from internal.cameras import Lens
 
+POINTS_OF_MODEL = "sparse points"
+
 
 @dataclasses.dataclass(frozen=True)
 class SceneFiles:
@@ -33,7 +35,7 @@ class SceneFiles:
     test_names: frozenset[str] | None  # None: the files state no split
     mask_paths: tuple[Path | None, ...]  # None: no file masks the view
     upright: bool = True  # poses mean photos turned by EXIF, else pixels as stored
-    points_source: str = "sparse points"  # what the points are, for messages
+    points_source: str = POINTS_OF_MODEL  # what the points are, for messages
     transparent_is_black: bool = False  # else what a photo has transparent is masked
 
 

@@ -28,7 +28,7 @@ from internal.files import image_io, ply
 from internal.files.listing import find_file, is_file, say_once
 from internal.scene.mask_files import find_masks
 from internal.scene.pairing import match_by_name, pair_poses, some
-from internal.scene.readers.base import Reader, SceneFiles
+from internal.scene.readers.base import POINTS_OF_MODEL, Reader, SceneFiles
 from internal.scene.readers.beside import Beside, find_beside
 from internal.scene.readers.transforms_entries import (
     Entry,
@@ -283,7 +283,7 @@ def _points(
         points = points[np.isfinite(points).all(axis=-1)]
         every = -(-len(points) // MOST_POINTS) or 1
         return points[::every], f"points of {path.name}"
-    return _sparse_points(data_dir, names, camtoworlds), "sparse points"
+    return _sparse_points(data_dir, names, camtoworlds), POINTS_OF_MODEL
 
 
 def _sparse_points(

@@ -9,6 +9,7 @@ from typing import Any
 from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
+from internal.files.listing import say_once
 from internal.scene import colmap
 from internal.scene.readers.transforms_entries import Entry, number
 from internal.scene.readers.transforms_pictures import find_picture
@@ -188,9 +189,33 @@ def _with_listed_distortion(frame: Entry) -> Entry:
     return dataclasses.replace(frame, values={**frame.values, **named})
 
 
+def _say_how_wide(frames: Sequence[Entry], lenses: Sequence[Lens]) -> None:
+    free = [
+        (frame, lens)
+        for frame, lens in zip(frames, lenses, strict=True)
+        if "camera_angle_x" in frame.values
+        and not {"fl_x", "w"} & frame.values.keys()
+        and not {"camera_angle_y", "fl_y"} & frame.values.keys()
+    ]
+    for frame, lens in free:
+        first = free[0][1]
+        shape = lens.width * first.height / (lens.height * first.width)
+        if lens.width != first.width and abs(shape - 1.0) > ALIKE:
+            say_once(
+                f"WARNING: {frame.json_path}: one camera_angle_x for pictures of "
+                f"several shapes ({first.width}x{first.height}, and "
+                f"{frame.image_path.name} {lens.width}x{lens.height}): taken across "
+                "the width of each; if one camera took them turned, give each frame "
+                "its fl_x, fl_y, w and h"
+            )
+            return
+
+
 def check_one_size(frames: Sequence[Entry], lenses: Sequence[Lens]) -> None:
     """Refuses one focal length in pixels for pictures of several sizes where no w and
-    h says for which. Pictures may lie on their sides."""
+    h says for which. Pictures may lie on their sides. Says how one angle is taken for
+    pictures of several shapes."""
+    _say_how_wide(frames, lenses)
     sizes: dict[Any, set[tuple[int, ...]]] = {}
     for frame, lens in zip(frames, lenses, strict=True):
         if "fl_x" in frame.values and not {"w", "h"} <= frame.values.keys():
