@@ -5,8 +5,9 @@ LOCK := requirements.lock
 READY := .venv/.ready
 EXTRAS := video,raw,heif,metrics,enhance2d,view,export,cluster,dev
 INSTALL := $(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS)]'
+PYTEST := -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile
 
-.PHONY: install demo test lint lock clean
+.PHONY: install demo test test-lowest test-newest lint lock clean
 
 install: $(READY)
 
@@ -25,7 +26,18 @@ demo: install
 	$(BIN)/python demo.py
 
 test: install lint
-	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile
+	$(BIN)/python $(PYTEST)
+
+# The tests with the lowest and the newest versions that pyproject.toml allows, in an
+# environment of their own.
+test-lowest: RESOLUTION := lowest-direct
+test-newest: RESOLUTION := highest
+test-lowest test-newest:
+	$(PYTHON) -m venv --clear .venv-other
+	.venv-other/bin/python -m pip install --quiet uv
+	.venv-other/bin/uv pip install --quiet --python .venv-other \
+	  --resolution $(RESOLUTION) --editable '.[$(EXTRAS)]'
+	.venv-other/bin/python $(PYTEST)
 
 lint: install
 	$(BIN)/ruff format --check .
@@ -40,4 +52,4 @@ lock:
 	$(BIN)/python -m pip freeze --exclude-editable >requirements.lock
 
 clean:
-	rm -rf .venv outputs scenes
+	rm -rf .venv .venv-other outputs scenes

@@ -22,7 +22,6 @@ import numpy as np
 
 from internal import cli, parallel, progress
 from internal.color import from_uint16
-from internal.configs import Config
 from internal.files import atomic, image_io
 from internal.files.listing import flat_pngs
 from internal.pages import pages, report, scores, tables
@@ -32,6 +31,7 @@ from internal.rendering.renderer import Renderer
 from internal.scene.masks import hatched
 from internal.scene.scene import Scene
 from internal.scoring import evaluation
+from internal.structs import LitRendering, Rendering
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
 
@@ -60,24 +60,17 @@ def main(argv: Sequence[str]) -> int:
     ):
         rendering = renderer.view(state.params, index)
         display = display or display_for(config.model, rendering)
-        dark, truth = photos_of(scene, index)
-        mask, gain = scene.mask(index), scene.gains[index]
-        baselines = evaluation.brightened(rendering.rgb, mask)
-        if mask.any():
-            views[name] = evaluation.score_view(
-                rendering, baselines, dark, truth, gain, mask
-            )
+        baselines = evaluation.brightened(np.asarray(rendering.rgb), scene.mask(index))
+        if scene.mask(index).any():
+            views[name] = score(scene, index, rendering, baselines)
         camtoworld = np.asarray(scene.cameras.camtoworlds[index], np.float64)
         found = witnesses.testify(scene.lenses[index], camtoworld, rendering)
         shown = {
             **pictures(rendering, display),
             evidence.EVIDENCE: evidence.false_colors(found),
-            **baselines,
+            **{n: x for n, x in baselines.items() if n != "unchanged"},  # it is "dark"
+            **shown_photos(scene, index),
         }
-        del shown["unchanged"]  # the picture "dark"
-        for output, photo in (("input", dark), ("truth", truth)):
-            if photo is not None:
-                shown[output] = hatched(photo, mask)
         for output, picture in shown.items():
             path = Path(output) / files[index]
             atomic.ensure_folder(folder / output)
@@ -88,9 +81,29 @@ def main(argv: Sequence[str]) -> int:
     scored = {"step": step, "masked": scene.masked, "views": views, "mean": mean}
     atomic.write_text(folder / "metrics.json", json.dumps(scored, indent=2) + "\n")
     table = scores.score_table(mean, scores.heading(len(files), len(scene.truth)))
-    write_page(folder, scene, step, table, written, explained_outputs(config))
+    explained = report.explained_pictures(config.model)
+    write_page(folder, scene, step, table, written, explained)
     print(f"{tables.as_text(table)}\n{folder / 'index.html'}")
     return 0
+
+
+def score(
+    scene: Scene,
+    view: int,
+    rendering: Rendering | LitRendering,
+    baselines: evaluation.Pictures,
+) -> evaluation.Scores:
+    """Scores of a rendered view of which some pixel counts."""
+    dark, truth = photos_of(scene, view)
+    gain, mask = scene.gains[view], scene.mask(view)
+    return evaluation.score_view(rendering, baselines, dark, truth, gain, mask)
+
+
+def shown_photos(scene: Scene, view: int) -> dict[str, Picture]:
+    """The dark photo of a view and its truth as the page shows them, if there."""
+    photos = zip(("input", "truth"), photos_of(scene, view), strict=True)
+    mask = scene.mask(view)
+    return {name: hatched(photo, mask) for name, photo in photos if photo is not None}
 
 
 def photos_of(scene: Scene, view: int) -> tuple[Picture | None, Picture | None]:
@@ -98,16 +111,6 @@ def photos_of(scene: Scene, view: int) -> tuple[Picture | None, Picture | None]:
     dark = from_uint16(scene.images[view]) if scene.images else None
     truth = from_uint16(scene.truth[view]) if view in scene.truth else None
     return dark, truth
-
-
-def explained_outputs(config: Config) -> dict[str, str]:
-    """What each folder of pictures shows."""
-    return {
-        **evidence.explained_outputs(config.model),
-        **{name: text for name, (_, text) in evaluation.BASELINES.items()},
-        "input": "the dark photo",
-        "truth": "the normal-light photo",
-    }
 
 
 def write_page(

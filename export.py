@@ -60,25 +60,11 @@ def main(argv: Sequence[str]) -> int:
         sightings = look_around(scene, render)
         between = []
         if wanted.splats:
-            middle = between_views(scene)
-            between = look_around(middle, render)
+            between = look_around(between_views(scene), render)
         facts = export_folder.write_all(
             folder, scene, sightings, between, density, wanted
         )
-        pages.write_index(
-            folder,
-            f"{scene.name}: exported at step {int(state.step)}",
-            "In the frame and units of the scene's pose file. dataset/ has images, "
-            "transforms.json and a COLMAP text model in sparse/0.",
-            [
-                pages.Table(
-                    "Files",
-                    "",
-                    ("file", "content"),
-                    tuple(export_folder.describe(facts)),
-                )
-            ],
-        )
+        write_page(folder, scene.name, int(state.step), facts)
         return facts
 
     folder = run / "export"
@@ -91,6 +77,18 @@ def main(argv: Sequence[str]) -> int:
     for file, content in export_folder.describe(facts):
         print(f"{folder / file}: {content}")
     return 0
+
+
+def write_page(folder: Path, name: str, step: int, facts: made_folder.Facts) -> None:
+    """Writes index.html: what each file holds."""
+    rows = tuple(export_folder.describe(facts))
+    pages.write_index(
+        folder,
+        f"{name}: exported at step {step}",
+        "In the frame and units of the scene's pose file. dataset/ has images, "
+        "transforms.json and a COLMAP text model in sparse/0.",
+        [pages.Table("Files", "", ("file", "content"), rows)],
+    )
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ if __name__ == "__main__":  # before the imports below, which take seconds
 
 import contextlib
 import dataclasses
-import functools
 import hashlib
 import json
 from collections.abc import Sequence
@@ -31,80 +30,69 @@ from internal import cli, color, extras, parallel, progress
 from internal.cameras import Cameras
 from internal.files import atomic, image_io, video
 from internal.pages import pages, report
-from internal.rendering import evidence
-from internal.rendering.pictures import display_for, pictures
+from internal.rendering.film import Film
 from internal.rendering.renderer import Renderer
 from internal.rendering.trajectory import path_cameras
-from internal.structs import LitRendering, Rendering
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
-
-# The result comes first; the others explain it.
-OUTPUTS = ("enhanced", "dark", "v", "r", "depth", evidence.EVIDENCE)
 
 
 def main(argv: Sequence[str]) -> int:
     """Renders the frames that are missing, then the videos."""
     config = cli.start_trained(flags.trained(__doc__).parse_args(argv))
-    render = config.render
-    edit = render.edit()
+    config.render.edit()  # a light that cannot be is refused before anything is loaded
     mesh = parallel.data_mesh(jax.device_count())
     model, state = load_trained(config, mesh)
     scene = cli.load_split(config, "train")
     run = Path(config.checkpoint_dir)
     run_folder.check_same_scene(run, scene.identity, scored=False)
-    cameras = path_cameras(scene, render)
-    renderer = Renderer(model, cameras, scene.space, mesh, render.chunk)
-    first_view = scene.cameras.take(np.array([0]))
-    display = display_for(config.model, renderer.picture(state.params, first_view))
+    cameras = path_cameras(scene, config.render)
+    renderer = Renderer(model, cameras, scene.space, mesh, config.render.chunk)
+    film = Film(config, scene, cameras, renderer, state.params)
 
-    light = dataclasses.asdict(render.light())
+    folder = run / "render" / Path(config.render.path).stem
+    light = dataclasses.asdict(config.render.light())
     settings = {"step": int(state.step), "path": fingerprint(cameras), **light}
-    folder = run / "render" / Path(render.path).stem
-    explained = evidence.explained_outputs(config.model)
-    outputs = [name for name in OUTPUTS if name in explained]
-    for output in outputs:
-        atomic.ensure_folder(folder / output)
     forget_other_frames(folder, settings)
-
-    @functools.cache
-    def witnesses() -> evidence.Witnesses:
-        def ask(camera: Cameras) -> Rendering | LitRendering:
-            return renderer.picture(state.params, camera)
-
-        return evidence.call_witnesses(scene, config.factor, ask)
-
-    frames = range(len(cameras))
-    for frame in progress.track(frames, len(frames), "rendering", "frame"):
-        files = {output: frame_file(folder, output, frame) for output in outputs}
-        if not all(file.is_file() for file in files.values()):
-            rendering = renderer.view(state.params, frame, edit)
-            pose = np.asarray(cameras.camtoworlds[frame], np.float64)
-            found = witnesses().testify(scene.lenses[0], pose, rendering)
-            shown = pictures(rendering, display)
-            shown[evidence.EVIDENCE] = evidence.false_colors(found)
-            for output, file in files.items():
-                image_io.write(file, shown[output])
-
+    write_frames(folder, film)
     if not extras.has("av"):
         how = extras.install("video")
         print(f"no videos: PyAV is missing ({how}); frames are kept")
         return 0
-    for output in outputs:
-        write_video(folder, output, len(frames), render.fps)
-    media = tuple((f"{output}.mp4", explained[output]) for output in outputs)
+    for output in film.outputs:
+        write_video(folder, output, len(cameras), config.render.fps)
+    print(write_page(folder, film, settings["step"]))
+    return 0
+
+
+def write_frames(folder: Path, film: Film) -> None:
+    """Renders and writes the frames of which a picture is missing."""
+    for output in film.outputs:
+        atomic.ensure_folder(folder / output)
+    frames = range(len(film.cameras))
+    for frame in progress.track(frames, len(frames), "rendering", "frame"):
+        files = {output: frame_file(folder, output, frame) for output in film.outputs}
+        if not all(file.is_file() for file in files.values()):
+            shown = film.frame(frame)
+            for output, file in files.items():
+                image_io.write(file, shown[output])
+
+
+def write_page(folder: Path, film: Film, step: int) -> Path:
+    """Writes index.html: the videos, the light, the colours of evidence."""
+    media = tuple((f"{output}.mp4", text) for output, text in film.outputs.items())
+    render = film.config.render
+    light = dataclasses.asdict(render.light())
     used = ", ".join(f"{name} {value}" for name, value in light.items())
-    page = pages.write_index(
+    return pages.write_index(
         folder,
-        f"{scene.name}: {render.path} at step {settings['step']}",
+        f"{film.scene.name}: {render.path} at step {step}",
         f"Light: {used}. The frames of each video are in the folder of its name.",
         [
             pages.Section("Videos", "The result first.", media),
             report.evidence_legend(),
         ],
     )
-    print(page)
-    return 0
 
 
 def frame_file(folder: Path, output: str, frame: int) -> Path:
@@ -130,6 +118,7 @@ def fingerprint(cameras: Cameras) -> str:
 
 def forget_other_frames(folder: Path, settings: dict[str, float | str]) -> None:
     """Removes frames of an earlier run with other settings; keeps those of this."""
+    atomic.ensure_folder(folder)
     record = folder / "settings.json"
     with contextlib.suppress(FileNotFoundError, ValueError):  # none, or cut short
         if json.loads(record.read_text()) == settings:

@@ -27,8 +27,14 @@ from internal.training import budget, exposure, run_folder
 from internal.training.checkpoints import Checkpoints
 from internal.training.preview import Preview
 from internal.training.run_folder import RunLog
-from internal.training.sampler import neighbors_of
-from internal.training.step import check_finite, compiled_step, initial_state, summarize
+from internal.training.sampler import find_chances, neighbors_of
+from internal.training.step import (
+    bar_line,
+    check_finite,
+    compiled_step,
+    initial_state,
+    summarize,
+)
 
 
 def main(argv: Sequence[str]) -> int:
@@ -45,8 +51,9 @@ def train(config: Config, scene: Scene, folder: Path) -> int:
     mesh = parallel.data_mesh(config.train.batch_size)
     model = Model(config.model)
     own, log = run_folder.own_config(folder), run_folder.read_log(folder)
+    chances = find_chances(scene, config)
     config = budget.fit(
-        config, own, log, lambda: budget.measure(config, scene, model, mesh)
+        config, own, log, lambda: budget.measure(config, scene, model, mesh, chances)
     )
     train = config.train
 
@@ -64,7 +71,7 @@ def train(config: Config, scene: Scene, folder: Path) -> int:
         noise.record(folder, scene.noise)
 
     # The loop. A step that is not finite keeps the state before it.
-    take_step = compiled_step(config, model, scene, mesh)
+    take_step = compiled_step(config, model, scene, mesh, chances)
     preview = Preview(model, scene, mesh, config.render.chunk)
     rays = train.batch_size * (neighbors_of(config) + 1)
     stats = None
@@ -84,7 +91,7 @@ def train(config: Config, scene: Scene, folder: Path) -> int:
             if last or step % train.log_every == 0:
                 check_finite(stats, step)
                 numbers = summarize(stats)
-                bar.set_postfix_str(progress.describe(numbers, bar, rays))
+                bar.set_postfix_str(bar_line(numbers, bar, rays))
                 log.scalars(step, numbers)
             if last or step % train.preview_every == 0:
                 preview.write(log, step, state.params)

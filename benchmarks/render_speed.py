@@ -15,31 +15,33 @@ import argparse
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from benchmarks import workload
 from internal import configs, parallel
+from internal.cameras import Rays
+from internal.coord import Space
+from internal.enhancements.look import LightEdit
 from internal.models import Model
 from internal.rendering.renderer import Renderer
 from internal.scene.config import SceneConfig
 from internal.scene.scene import load_scene
-from internal.structs import LitRendering, Rendering
+from internal.structs import LitRendering
 from internal.training.step import initial_state
 
 REPEATS = 7
 
 
-def enhanced(rendering: Rendering | LitRendering) -> jax.Array:
+class Enhanced(Model):
     """The enhanced colour alone; the compiler drops what only the rest needs."""
-    assert isinstance(rendering, LitRendering)
-    return jnp.asarray(rendering.enhanced)
 
-
-def everything(rendering: Rendering | LitRendering) -> Rendering | LitRendering:
-    """All outputs."""
-    return rendering
+    def __call__(self, rays: Rays, space: Space, edit: LightEdit) -> Any:
+        rendering = super().__call__(rays, space, edit)
+        assert isinstance(rendering, LitRendering)
+        return jnp.asarray(rendering.enhanced)
 
 
 def main() -> None:
@@ -50,14 +52,14 @@ def main() -> None:
     flags = parser.parse_args()
     config = configs.load_config([flags.gin_configs], [])
     scene = load_scene(SceneConfig(str(flags.data_dir), factor=flags.factor), "test")
-    model, mesh = Model(config.model), parallel.data_mesh(1, jax.devices()[:1])
-    params = initial_state(config, model).params
+    mesh = parallel.data_mesh(1, jax.devices()[:1])
+    params = initial_state(config, Model(config.model)).params
     lens = scene.lenses[0]
     rays = lens.width * lens.height
     rows, calls = [], []
-    for chosen in (enhanced, everything):
+    for model in (Enhanced(config.model), Model(config.model)):
         renderer = Renderer(
-            model, scene.cameras, scene.space, mesh, config.render.chunk, chosen
+            model, scene.cameras, scene.space, mesh, config.render.chunk
         )
         calls.append(timed(renderer, params))
         rows.append([calls[-1]()])  # the first call compiles

@@ -109,7 +109,7 @@ def scene_shapes() -> tuple[Cameras, ForwardFacing, sampler.ResidentPixels]:
     )
     photos = shape((VIEWS * PIXELS, 3), jnp.uint16)
     gains = shape((VIEWS, 3), jnp.float32)
-    source = sampler.ResidentPixels(photos, each, gains, None, None)
+    source = sampler.ResidentPixels(photos, each, gains, sampler.Chances())
     return cameras, ForwardFacing(shape((2,), jnp.float32)), source
 
 

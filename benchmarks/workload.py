@@ -75,9 +75,8 @@ def load(
         scene = cli.load_split(config, "train")
     mesh = parallel.data_mesh(config.train.batch_size, jax.devices()[:devices])
     model = Model(config.model)
-    choices = sampler.choices_of(scene.masks, sampler.neighbors_of(config))
-    detail = sampler.detail_of(scene.images, scene.masks, config.train)
-    pixels = sampler.resident_pixels(scene.images, scene.gains, choices, detail)
+    chances = sampler.find_chances(scene, config)
+    pixels = sampler.resident_pixels(scene.images, scene.gains, chances)
     arguments = parallel.replicate((scene.cameras, scene.space, pixels), mesh)
     state = parallel.replicate(initial_state(config, model), mesh)
     step = jax.jit(

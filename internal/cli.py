@@ -12,15 +12,10 @@ from internal.scene.scene import Scene, load_scene
 from internal.training import run_folder
 
 
-def configured(flags: argparse.Namespace) -> Config:
-    """The configuration that gin files and bindings state, for training."""
-    return run_folder.config_to_train(flags.gin_configs, flags.gin_bindings)
-
-
 def start_training(flags: argparse.Namespace) -> Config:
     """The configuration of a script that may run as several processes; joins them and
     prints the devices it uses."""
-    config = configured(flags)
+    config = run_folder.config_to_train(flags.gin_configs, flags.gin_bindings)
     parallel.initialize(flags.coordinator, flags.num_processes, flags.process_id)
     print(parallel.describe_devices(), flush=True)
     return config

@@ -14,3 +14,12 @@ class Diverged(Exception):
 def one_line(error: Exception) -> str:
     """The start of any error's message, or its kind."""
     return " ".join(str(error).split())[:300] or type(error).__name__
+
+
+def has_utf8(name: str) -> bool:
+    """Whether a name of the file system is a text that can be written as UTF-8."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True

@@ -29,8 +29,7 @@ class Lighting(nn.Module):
     def __call__(
         self, features: Float[Array, "*b n f"], viewdirs: Float[Array, "*b 3"]
     ) -> tuple[Float[Array, "*b n 1"], Float[Array, "*b n h"]]:
-        encoded = mip.pos_enc(viewdirs, self.deg_view)
-        hidden = nn.relu(_view_layer(self.width, features, encoded))
+        hidden = _view_layer(self.width, self.deg_view, features, viewdirs)
         return jnp.exp(Dense(1)(hidden) + COLOR_BIAS), hidden
 
 
@@ -85,17 +84,19 @@ class PlainField(nn.Module):
         density_noise: Float[Array, "*b n"],
     ) -> Colored:
         raw_density, features = self.field.trunk("density")(mean, var)
-        encoded = mip.pos_enc(viewdirs, self.deg_view)
-        hidden = nn.relu(_view_layer(self.width, features, encoded))
+        hidden = _view_layer(self.width, self.deg_view, features, viewdirs)
         rgb = jnp.exp(Dense(3)(hidden) + COLOR_BIAS)
         density = nn.softplus(raw_density + DENSITY_BIAS + density_noise)
         return Colored(density, rgb)
 
 
 def _view_layer(
-    width: int, features: Float[Array, "*b n f"], encoded: Float[Array, "*b d"]
+    width: int,
+    deg_view: int,
+    features: Float[Array, "*b n f"],
+    viewdirs: Float[Array, "*b 3"],
 ) -> Float[Array, "*b n h"]:
-    """A dense layer of [features, direction]; the direction's part is computed
-    once per ray instead of once per sample."""
-    per_ray = Dense(width, use_bias=False)(encoded)
-    return Dense(width)(features) + per_ray[..., None, :]
+    """A hidden layer of [features, encoded direction]; the direction's part is
+    computed once per ray instead of once per sample."""
+    per_ray = Dense(width, use_bias=False)(mip.pos_enc(viewdirs, deg_view))
+    return nn.relu(Dense(width)(features) + per_ray[..., None, :])

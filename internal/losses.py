@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's losses, one function per term, as numbers without weights.
+"""The losses, one function per term, as numbers without weights: the paper's, and
+``colorfulness_loss``, ours.
 
 Colours are display-coded (sRGB), rays come in patches ``[patches, 3]`` of a pixel,
 its right and its lower neighbour wherever a loss looks at neighbours.

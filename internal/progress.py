@@ -67,17 +67,3 @@ def track(items: Iterable[T], total: int, label: str, unit: str) -> Iterator[T]:
         for item in items:
             yield item
             shown.update()
-
-
-def describe(numbers: dict[str, float], shown: tqdm, rays_per_step: int) -> str:
-    """PSNR, rays per second and loss terms of a training step, for the bar."""
-    rate = shown.format_dict["rate"]
-    if not rate:
-        rate = (shown.n - shown.initial) / max(shown.format_dict["elapsed"], 1e-3)
-    rays = rate * rays_per_step
-    terms = " ".join(
-        f"{name.removeprefix('loss/')} {value:.2g}"
-        for name, value in numbers.items()
-        if name.startswith("loss/") and value
-    )
-    return f"PSNR {numbers['psnr']:.1f} dB, {rays:,.0f} rays/s, {terms}"

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from types import FrameType
 
 from internal import flags, process
-from internal.errors import Diverged, UserError, one_line
+from internal.errors import Diverged, UserError, has_utf8, one_line
 
 USER_ERROR_EXIT = 2
 FAILURE_EXIT = 1  # what nobody can fix beforehand, such as a loss that diverges
@@ -27,11 +27,20 @@ def begin(parser: argparse.ArgumentParser, *, computes: bool = True) -> None:
     computes then starts again, once, with the variables that ``process`` wants."""
     args = parser.parse_args()
     try:
+        _check_text(*sys.argv[1:], os.getcwd())
         flags.check_named(args)
     except UserError as error:
         sys.exit(_failed(error))
     if computes:
         process.restart_tuned()
+
+
+def _check_text(*words: str) -> None:
+    """Refuses names that are no text, as old archives unpack them: most libraries that
+    open files take none."""
+    for word in words:
+        if not has_utf8(word):
+            raise UserError(f"{word}: its name or a folder's is not UTF-8; rename it")
 
 
 def run(main: Callable[[Sequence[str]], int]) -> None:
@@ -41,27 +50,39 @@ def run(main: Callable[[Sequence[str]], int]) -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        code = main(sys.argv[1:])
+        code = _outcome(main)
+        if sys.stdout:  # none where it was closed from the start
+            sys.stdout.flush()
+    except BrokenPipeError:  # who read the output is gone, as in "| head"
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        for output in (1, 2):
+            os.dup2(nowhere, output)
+        code = 128 + signal.SIGPIPE
+    sys.exit(code)
+
+
+def _outcome(main: Callable[[Sequence[str]], int]) -> int:
+    """The exit code of ``main``; says what went wrong."""
+    try:
+        return main(sys.argv[1:])
     except UserError as error:
-        code = _failed(error)
+        return _failed(error)
     except (MemoryError, RuntimeError) as error:
         if not is_out_of_memory(error):
             raise
-        code = _failed(
+        return _failed(
             f"memory does not suffice ({one_line(error)}); lower Train.batch_size to "
             "train, Render.chunk to render, or shrink the photos with Config.factor"
         )
     except OSError as error:
         if error.errno != errno.ENAMETOOLONG:
             raise
-        code = _failed(f"{error.filename}: {error.strerror}; give a shorter path")
+        return _failed(f"{error.filename}: {error.strerror}; give a shorter path")
     except Diverged as error:
-        code = _failed(error, FAILURE_EXIT)
+        return _failed(error, FAILURE_EXIT)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-        code = 128 + signal.SIGINT
-    sys.stdout.flush()
-    sys.exit(code)
+        return 128 + signal.SIGINT
 
 
 def _failed(reason: object, code: int = USER_ERROR_EXIT) -> int:

@@ -6,6 +6,8 @@ What a scene folder can have wrong is in test_scene.py and test_readers.py.
 
 import importlib.machinery
 import importlib.util
+import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -313,3 +315,34 @@ def test_a_file_of_results_that_was_cut_short_is_one_line(text, tmp_path):
     path.write_text(text)
     with pytest.raises(UserError, match=r"results\.json: is cut short"):
         atomic.read_json(path, "compare.py")
+
+
+@pytest.mark.parametrize("flag", ["--scene", "--run"])
+def test_folders_whose_names_are_no_text_are_refused(flag, tmp_path):
+    folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9"))
+    folder.mkdir()
+    result = subprocess.run(
+        [sys.executable, ROOT / "train.py", flag, folder],
+        capture_output=True,
+        text=True,
+    )
+    assert result.returncode == 2
+    assert "caf\\udce9: its name or a folder's is not UTF-8; rename it" in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    shutil.rmtree(folder)
+
+
+def test_who_stops_reading_the_output_gets_no_traceback():
+    lines = "lambda _: [print('x' * 80) for _ in range(9999)] and 0"
+    code = f"from internal import script; script.run({lines})"
+    shell = f'"{sys.executable}" -c "{code}" | head -1; echo "${{PIPESTATUS[0]}}"'
+    result = subprocess.run(
+        ["bash", "-c", shell], cwd=ROOT, capture_output=True, text=True
+    )
+    assert result.stdout.splitlines() == ["x" * 80, "141"]
+    assert result.stderr == ""
+
+
+def test_a_closed_output_changes_no_exit_code(monkeypatch):
+    monkeypatch.setattr(sys, "stdout", None)
+    assert exit_code(lambda _: 0, [], monkeypatch) == 0

@@ -24,7 +24,7 @@ from internal.scene.noise import expected_photo
 from internal.scene.scene import Scene, load_scene
 from internal.training import exposure, sampler
 from internal.training.choices import find_choices
-from internal.training.step import compiled_step, initial_state, make_train_step
+from internal.training.step import initial_state, make_train_step
 from tests.conftest import TINY_ENHANCED, TINY_MLP, TINY_MODEL, TINY_SIZES
 from tests.scene_writers import facing_world, write_llff
 
@@ -58,7 +58,7 @@ def test_every_pixel_that_counts_is_drawn_and_as_often(tiny_cameras):
     masks = some_masks(0, 0.4)
     choices = sampler.choices_of(masks, 2)
     train = dataclasses.replace(TRAIN, batch_size=20_000)
-    pixels = SAMPLE(tiny_cameras, train, 2, BEFORE, choices)
+    pixels = SAMPLE(tiny_cameras, train, 2, BEFORE, sampler.Chances(choices))
     drawn = np.zeros((3, 8, 10), int)
     np.add.at(drawn, tuple(np.ravel(p) for p in (pixels.view, pixels.y, pixels.x)), 1)
     np.testing.assert_array_equal(drawn > 0, masks)
@@ -75,7 +75,7 @@ def test_what_is_masked_is_never_drawn_not_even_as_a_neighbour(
     masks = np.array(some_masks(1, 0.6))
     masks[1] = np.indices((8, 10)).sum(0) % 2 == 0  # a board without a patch
     choices = sampler.choices_of(list(masks), neighbors)
-    pixels = SAMPLE(tiny_cameras, TRAIN, neighbors, step, choices)
+    pixels = SAMPLE(tiny_cameras, TRAIN, neighbors, step, sampler.Chances(choices))
     view, x, y = (np.asarray(p) for p in (pixels.view, pixels.x, pixels.y))
     assert masks[view, y, x].all()
     if neighbors and step == AFTER:
@@ -101,9 +101,9 @@ def test_a_fed_batch_of_masked_photos_equals_the_resident_one(
     mesh = parallel.data_mesh(tiny_config.train.batch_size)
     on_host = dataclasses.replace(tiny_config, max_image_memory=0.0)
     inputs = (tiny_images, GAINS, tiny_cameras, mesh)
-    masks = some_masks(2, 0.5)
-    resident = sampler.pixel_source(*inputs, tiny_config, masks)
-    fed = sampler.pixel_source(*inputs, on_host, masks)
+    chances = sampler.Chances(sampler.choices_of(some_masks(2, 0.5), 2))
+    resident = sampler.pixel_source(*inputs, tiny_config, chances)
+    fed = sampler.pixel_source(*inputs, on_host, chances)
     arguments = (tiny_cameras, tiny_config.train, 2, jnp.int32(5))
     one = jax.jit(resident(5).batch, static_argnums=(1, 2))(*arguments)
     chex.assert_trees_all_equal(one, fed(5).batch(*arguments))
@@ -151,7 +151,8 @@ def test_training_is_the_same_whatever_is_under_the_masks(twins):
     trained = []
     for scene in twins:
         arguments = (scene.images, scene.gains, scene.cameras, mesh, config)
-        pixels = sampler.pixel_source(*arguments, scene.masks)(0)
+        chances = sampler.find_chances(scene, config)
+        pixels = sampler.pixel_source(*arguments, chances)(0)
         state, stats = begun, None
         for _ in range(config.train.max_steps):
             state, stats = step(state, *inputs, pixels)
@@ -164,9 +165,8 @@ def test_training_is_the_same_whatever_is_under_the_masks(twins):
 def test_a_training_knows_its_scenes_masks(twins, tiny_config):
     board = np.indices((18, 24)).sum(0) % 2 == 0
     scene = dataclasses.replace(twins[0], masks=(board,) * 5)
-    mesh = parallel.data_mesh(tiny_config.train.batch_size)
     with pytest.raises(UserError, match="leave no 3 neighbouring pixels"):
-        compiled_step(tiny_config, Model(tiny_config.model), scene, mesh)
+        sampler.find_chances(scene, tiny_config)
 
 
 def test_metering_sees_what_counts_alone(twins):

@@ -74,7 +74,7 @@ def test_of_two_pixels_the_richer_is_taken_as_much_more_often(tiny_cameras):
     starts, across = np.array([0, 6, 12], np.int32), np.full(3, 3, np.int32)
     sides = np.full(3, 4, np.int32)
     detail = Detail(np.tile(tiles, 3).astype(np.uint8), starts, across, sides)
-    pixels = SAMPLE(tiny_cameras, TRAIN, 0, BEFORE, None, detail)
+    pixels = SAMPLE(tiny_cameras, TRAIN, 0, BEFORE, sampler.Chances(detail=detail))
     rich = 0.4  # of the pixels
     expected = rich**2 + 2 * rich * (1 - rich) * 0.75
     assert np.mean(np.asarray(pixels.x) < 4) == pytest.approx(expected, abs=0.01)
@@ -83,25 +83,28 @@ def test_of_two_pixels_the_richer_is_taken_as_much_more_often(tiny_cameras):
     for part in (counts[:, :, :4], counts[:, :, 4:]):  # alike for all that are alike
         assert np.ptp(part) < 0.6 * part.mean()
     assert np.ptp(counts.sum(axis=(1, 2))) < 300
-    plain = SAMPLE(tiny_cameras, TRAIN, 0, AFTER, None, None)
-    chex.assert_trees_all_equal(
-        SAMPLE(tiny_cameras, TRAIN, 0, AFTER, None, detail), plain
+    plain, seeking = (
+        SAMPLE(tiny_cameras, TRAIN, 0, AFTER, chances)
+        for chances in (sampler.Chances(), sampler.Chances(detail=detail))
     )
+    chex.assert_trees_all_equal(plain, seeking)
 
 
 def test_a_fed_batch_that_seeks_detail_equals_the_resident_one(
     tiny_config, tiny_cameras, tiny_images
 ):
-    train = dataclasses.replace(tiny_config.train, seek_detail=True)
-    config = dataclasses.replace(tiny_config, train=train)
-    on_host = dataclasses.replace(config, max_image_memory=0.0)
+    train = tiny_config.train
+    on_host = dataclasses.replace(tiny_config, max_image_memory=0.0)
     mesh = parallel.data_mesh(train.batch_size)
     inputs = (tiny_images, np.ones((3, 3), np.float32), tiny_cameras, mesh)
+    seeking = sampler.Chances(detail=find_detail(tiny_images))
     resident, fed, alike = (
-        sampler.pixel_source(*inputs, own)(1).batch(
+        sampler.pixel_source(*inputs, config, chances)(1).batch(
             tiny_cameras, train, 2, jnp.int32(1)
         )
-        for own in (config, on_host, tiny_config)
-    )
+        for config, chances in (
+            (tiny_config, seeking), (on_host, seeking), (tiny_config, sampler.Chances())
+        )
+    )  # fmt: skip
     chex.assert_trees_all_equal(resident, fed)
     assert not np.array_equal(resident.pixels.x, alike.pixels.x)

@@ -173,6 +173,7 @@ def test_a_picture_of_any_size_is_relit_as_if_rendered_so(
     renderer = Renderer(model, tiny_cameras, ndc, mesh, 24)  # of 80 pixels
     edit = Look(0.7, 1.0, 4000.0, 0.2, 1.3).edit()
     before = renderer.view(params, 1, enhancement.along_rays(edit))
+    assert isinstance(before, LitRendering)
     relit = renderer.relit(params, before, edit)
     expected = renderer.view(params, 1, edit)
     chex.assert_trees_all_close(relit, expected, rtol=2e-4, atol=1e-6)

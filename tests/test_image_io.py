@@ -173,8 +173,19 @@ def oiio_file(path, values, **attributes):
     return path
 
 
-def layered(path):
-    return saved(path, save_all=True, append_images=[PICTURE.rotate(180)])
+def layered(path, **options):
+    return saved(path, save_all=True, append_images=[PICTURE.rotate(180)], **options)
+
+
+def preview_first(path):
+    file = oiio.ImageOutput.create(str(path))
+    sizes = [(14, 10), (56, 40)]
+    specs = [oiio.ImageSpec(*size, 3, "uint8") for size in sizes]
+    assert file.open(str(path), specs)
+    for number, spec in enumerate(specs):
+        assert not number or file.open(str(path), spec, "AppendSubimage")
+        file.write_image(np.zeros((spec.height, spec.width, 3), np.uint8))
+    file.close()
 
 
 @pytest.mark.parametrize(
@@ -185,6 +196,10 @@ def layered(path):
         (lambda p: saved(p, Image.new("LAB", (9, 9))), "a.tif", "colours for print"),
         (layered, "a.tif", "several pictures"),
         (layered, "a.webp", "a moving picture"),
+        (layered, "a.png", "a moving picture"),
+        (lambda p: layered(p, default_image=True), "a.png", "a moving picture"),
+        (preview_first, "a.tif", "several pictures"),
+        (lambda p: saved(p, compression="lzma"), "a.tif", "save it with LZW"),
         (layered, "a.avif", "a moving picture"),
         (
             lambda p: oiio_file(p, np.full((4, 4, 3), np.nan, np.float32)),
@@ -268,9 +283,9 @@ def test_a_photo_of_pq_in_ten_bits_is_brought_to_srgb(tmp_path, signal, light):
     np.testing.assert_allclose(read, expected, atol=0.01)
 
 
-def png_with(path, name: bytes, content: bytes, **options):
+def png_with(path, name: bytes, content: bytes, color=(148, 148, 148), **options):
     """A flat PNG with a further chunk behind its header, which is 33 bytes long."""
-    whole = saved(path, Image.new("RGB", (4, 4), (148,) * 3), **options).read_bytes()
+    whole = saved(path, Image.new("RGB", (4, 4), color), **options).read_bytes()
     checksum = struct.pack(">I", zlib.crc32(name + content))
     chunk = struct.pack(">I", len(content)) + name + content + checksum
     path.write_bytes(whole[:33] + chunk + whole[33:])
@@ -294,6 +309,75 @@ def test_the_gamma_of_a_png_is_applied_unless_it_stands_for_srgb(
     light = np.full((4, 4, 3), 148 / 255) ** power
     expected = color_profile.encode_srgb(light) if power else 148 / 255
     np.testing.assert_allclose(image_io.read_srgb(path), expected, atol=1e-3)
+
+
+def test_a_gamma_that_nobody_means_and_one_beside_srgb_change_nothing(tmp_path):
+    for gamma in (0, 1, 2**31 - 1):
+        path = png_with(tmp_path / "a.png", b"gAMA", struct.pack(">I", gamma))
+        np.testing.assert_allclose(image_io.read_srgb(path), 148 / 255, atol=1e-6)
+    text = PIL.PngImagePlugin.PngInfo()
+    text.add(b"sRGB", b"\0")
+    content = struct.pack(">I", 100_000)
+    path = png_with(tmp_path / "a.png", b"gAMA", content, pnginfo=text)
+    np.testing.assert_allclose(image_io.read_srgb(path), 148 / 255, atol=1e-6)
+
+
+@pytest.mark.parametrize("code", [9, 12])
+def test_primaries_that_a_png_states_are_applied(tmp_path, code):
+    wide = color_profile.WIDE_PRIMARIES[code]
+    red, white = (200, 30, 30), wide[6:]
+    numbers = [round(n * 1e5) for n in (*white, *wide[:6])]
+    path = png_with(
+        tmp_path / "a.png", b"cHRM", struct.pack(">8I", *numbers), color=red
+    )
+    stored = np.full((4, 4, 3), red, np.float32) / 255.0
+    expected = color_profile.to_srgb(stored, color_profile.from_codes(code, 13))
+    np.testing.assert_allclose(image_io.read_srgb(path), expected, atol=1e-3)
+    assert np.abs(expected - stored).max() > 0.05
+    broken = struct.pack(">8I", *[0] * 8)
+    path = png_with(tmp_path / "a.png", b"cHRM", broken, color=red)
+    np.testing.assert_allclose(image_io.read_srgb(path), stored, atol=1e-6)
+
+
+XMP = (
+    b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/'
+    b'02/22-rdf-syntax-ns#"><rdf:Description xmlns:tiff="http://ns.adobe.com/tiff/1.0/"'
+)
+XMP_END = b"</rdf:RDF></x:xmpmeta>"
+XMP_SPELLINGS = (
+    XMP + b' tiff:Orientation="6"/>' + XMP_END,
+    XMP + b"><tiff:Orientation>6</tiff:Orientation></rdf:Description>" + XMP_END,
+)
+
+
+def with_xmp(path, packet: bytes, **options):
+    if path.suffix == ".png":
+        text = PIL.PngImagePlugin.PngInfo()
+        text.add_itxt("XML:com.adobe.xmp", packet.decode())
+        return saved(path, pnginfo=text, **options)
+    if path.suffix == ".tif":
+        tags = PIL.TiffImagePlugin.ImageFileDirectory_v2()
+        tags[700] = packet
+        tags.tagtype[700] = 1
+        return saved(path, tiffinfo=tags, **options)
+    return saved(path, xmp=packet, **options)
+
+
+@pytest.mark.parametrize("packet", XMP_SPELLINGS)
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.webp", "a.tif"])
+def test_an_orientation_in_xmp_alone_is_one(tmp_path, name, packet):
+    """As Pillow and Windows have it; EXIF's, where there is one, counts more."""
+    stored = image_io.read_srgb(saved(tmp_path / name))
+    path = with_xmp(tmp_path / name, packet)
+    assert image_io.is_turned(path)
+    assert image_io.read_size(path) == stored.shape[:2]
+    np.testing.assert_array_equal(image_io.read_srgb(path), np.rot90(stored, -1))
+    np.testing.assert_array_equal(image_io.read_srgb(path, upright=False), stored)
+    if name != "a.tif":  # whose own tag is the EXIF one
+        path = with_xmp(tmp_path / name, packet, exif=exif(1))
+        np.testing.assert_array_equal(image_io.read_srgb(path), stored)
+    path.write_bytes(path.read_bytes()[:-9] + b"tiff:Orie")  # no reason to fall
+    assert image_io.read_exif(path) == image_io.Exif("")
 
 
 def test_the_end_of_a_preview_is_not_the_end_of_its_photo(tmp_path):

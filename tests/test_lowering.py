@@ -75,7 +75,8 @@ def step_on_leaves(config, mesh, cameras, images, space, fed=False):
     """The train step, what it is given, and how many weights it trains."""
     model = Model(config.model)
     state = jax.eval_shape(lambda: training.initial_state(config, model))
-    source = sampler.resident_pixels(images, np.ones((len(images), 3), np.float32))
+    gains = np.ones((len(images), 3), np.float32)
+    source = sampler.resident_pixels(images, gains, sampler.Chances())
     if fed:
         neighbors = sampler.neighbors_of(config)
         batch = source.batch(cameras, config.train, neighbors, jnp.int32(0))

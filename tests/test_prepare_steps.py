@@ -2,6 +2,7 @@
 """Laws of the steps from photos to a scene, each by itself."""
 
 import dataclasses
+import fractions
 from pathlib import Path
 
 import numpy as np
@@ -392,6 +393,24 @@ def test_ten_bits_of_a_video_stay(tmp_path):
     srgb = image_io.read_srgb(tmp_path / "frames" / "00000.png")
     assert len(np.unique(srgb[0, :, 1])) > 40  # 8 bits have 16 levels there
     np.testing.assert_allclose(srgb[0, :, 1], ramp / 65535.0, atol=0.002)
+
+
+@pytest.mark.parametrize(("aspect", "width"), [((4, 3), 85), ((200, 201), 64)])
+def test_frames_have_square_pixels_whatever_the_video_has(tmp_path, aspect, width):
+    av = pytest.importorskip("av")
+    path = tmp_path / "film.mp4"
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream("libx264", rate=10)
+        stream.height, stream.width, stream.pix_fmt = 48, 64, "yuv420p"
+        stream.codec_context.sample_aspect_ratio = fractions.Fraction(*aspect)
+        grey = np.full((48, 64, 3), 60, np.uint8)
+        frame = av.VideoFrame.from_ndarray(grey, format="rgb24")
+        file.mux(stream.encode(frame.reformat(format="yuv420p")))
+        file.mux(stream.encode())
+    extract_frames(path, tmp_path / "frames")
+    srgb = image_io.read_srgb(tmp_path / "frames" / "00000.png")
+    assert srgb.shape == (48, width, 3)
+    np.testing.assert_allclose(srgb, 60 / 255, atol=0.02)
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,8 @@ def make_run(
     model = Model(config.model)
     step = jax.jit(training.make_train_step(config, model, mesh, 0.1, observe))
     fixed = parallel.replicate(
-        (cameras, space, sampler.resident_pixels(images, gains)), mesh
+        (cameras, space, sampler.resident_pixels(images, gains, sampler.Chances())),
+        mesh,
     )
     state = parallel.replicate(training.initial_state(config, model), mesh)
 
@@ -55,7 +56,9 @@ def test_a_step_moves_nothing_but_its_batch_between_host_and_devices(night, most
     model, scene = Model(config.model), load_split(config, "train")
     mesh = parallel.data_mesh(config.train.batch_size)
     state = parallel.replicate(training.initial_state(config, model), mesh)
-    take_step = training.compiled_step(config, model, scene, mesh)
+    take_step = training.compiled_step(
+        config, model, scene, mesh, sampler.find_chances(scene, config)
+    )
     state, _ = take_step(state, 0)
     with jax.transfer_guard("disallow"):
         state, _ = take_step(state, 1)
@@ -154,7 +157,9 @@ def test_learning_rate_warms_up_and_decays():
 
 
 def test_parts_of_a_batch_average_to_the_whole(tiny_cameras, tiny_images):
-    resident = sampler.resident_pixels(tiny_images, np.ones((3, 3), np.float32))
+    resident = sampler.resident_pixels(
+        tiny_images, np.ones((3, 3), np.float32), sampler.Chances()
+    )
     train = load_config([], TINY_MODEL).train
     key = jax.random.key(0)
     batch = resident.batch(tiny_cameras, train, 2, jnp.int32(0))

@@ -37,7 +37,7 @@ SHOULDER = 1.5  # the larger, the shorter; likewise
 @typed
 @dataclasses.dataclass(frozen=True)
 class Tone:
-    """The curve and the weights of its metering. See ``base.Enhancement``."""
+    """The curve, and the weight of its loss. See ``base.Enhancement``."""
 
     neighbors: ClassVar[int] = 0
     whole_batch: ClassVar[bool] = True

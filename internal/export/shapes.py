@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Point clouds and meshes of a scene, and their files.
 
-The only module that imports scikit-image and trimesh (the extra ``export``).
+The only module that imports trimesh; marching cubes are scikit-image's (both of the
+extra ``export``).
 Coordinates are those of whoever calls; colours are 8-bit sRGB.
 """
 

@@ -25,6 +25,12 @@ EXTENSION = "KHR_gaussian_splatting"
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 FLOAT, ARRAY_BUFFER, POINTS_MODE = 5126, 34962, 0
 TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
+DRAWN_AS = {
+    "kernel": "ellipse",
+    "colorSpace": "srgb_rec709_display",
+    "projection": "perspective",
+    "sortingMethod": "cameraDistance",
+}
 
 
 def write_ply(path: Path, splats: Splats) -> None:
@@ -131,14 +137,7 @@ def _document(attributes: dict[str, np.ndarray]) -> dict[str, Any]:
     primitive = {
         "mode": POINTS_MODE,
         "attributes": names,
-        "extensions": {
-            EXTENSION: {
-                "kernel": "ellipse",
-                "colorSpace": "srgb_rec709_display",
-                "projection": "perspective",
-                "sortingMethod": "cameraDistance",
-            }
-        },
+        "extensions": {EXTENSION: DRAWN_AS},
     }
     return {
         "asset": {"version": "2.0", "generator": "llnerf-jax"},

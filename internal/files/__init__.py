@@ -1,2 +1,3 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everything that touches files: whole-or-nothing writes, images, RAW, videos."""
+"""Everything that touches files: whole-or-nothing writes, images, RAW, videos. Start
+at `image_io`."""

@@ -48,6 +48,7 @@ WIDE_PRIMARIES = {
     11: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.314, 0.351),  # DCI-P3
     12: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, *D65),  # Display P3
 }
+SMALLEST_GAMUT = 0.01  # twice the area between x and y of three lights
 GAMMAS = {4: 2.2, 5: 2.8, 8: 1.0}  # transfer codes of H.273 that are powers
 PQ, HLG = 16, 18
 HDR = (PQ, HLG)
@@ -136,15 +137,32 @@ def from_codes(primaries: int, transfer: int) -> Encoding | None:
         name, light = hdr[transfer]
         gamma = HLG_SYSTEM_GAMMA if transfer == HLG else 1.0
         return Encoding(name, light(_levels())[None], matrix, gamma)
-    if transfer in GAMMAS:
-        return Encoding("a power", (_levels() ** GAMMAS[transfer])[None], matrix)
-    return Encoding("wide primaries", srgb_curve.decode(_levels(), np)[None], matrix)
+    return from_primaries(wide or REC709, GAMMAS.get(transfer, 0.0))
 
 
 def from_gamma(gamma: float, chromaticities: tuple[float, ...] = REC709) -> Encoding:
     """Light is the ``gamma``-th power of the stored value; x and y of primaries."""
     curve = (_levels() ** gamma)[None]
     return Encoding(f"gamma {gamma:g}", curve, _rec709_from(chromaticities))
+
+
+def from_primaries(chromaticities: tuple[float, ...], gamma: float = 0.0) -> Encoding:
+    """x and y of red, green, blue and white; sRGB's curve unless a gamma is given."""
+    if gamma:
+        return from_gamma(gamma, chromaticities)
+    curve = srgb_curve.decode(_levels(), np)[None]
+    return Encoding("wide primaries", curve, _rec709_from(chromaticities))
+
+
+def are_primaries(chromaticities: tuple[float, ...]) -> bool:
+    """Whether they are those of three lights and of a white that is made of them."""
+    if len(chromaticities) != len(REC709) or min(chromaticities[1::2]) <= 0.0:
+        return False
+    x, y = np.reshape(chromaticities, (4, 2)).T
+    sides = np.stack([x[:3], y[:3], np.ones(3)])
+    if abs(np.linalg.det(sides)) < SMALLEST_GAMUT:
+        return False
+    return bool((np.linalg.solve(sides, [x[3], y[3], 1.0]) > 0.0).all())
 
 
 def adobe_rgb() -> Encoding:

@@ -10,15 +10,15 @@ programs that ignore the tag (COLMAP, LLFF) mean.
 import contextlib
 import dataclasses
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 from jaxtyping import Bool, Float
 
-from internal.errors import UserError
-from internal.files import atomic, color_profile, heif
+from internal.errors import UserError, has_utf8
+from internal.files import atomic, color_profile, heif, metadata
 from internal.files.color_profile import Encoding
 
 FONT = "DroidSans"
@@ -36,12 +36,15 @@ LINEAR_FORMATS = ("openexr", "hdr")
 ASSOCIATED_FORMATS = ("tiff", "openexr")
 # Many a writer leaves their fourth channel at 0 and means nothing by it.
 UNSET_FORMATS = ("bmp", "targa")
+PAGED_FORMATS = ("tiff", "gif")
 FLOATS = ("float", "half", "double")
+MOVING = "a moving picture; save its frames as photos"
 COLOR_KEYS = ("jpeg:ColorSpace", "tiff:ColorSpace")
 PRINT_COLORS = ("CMYK", "YCCK", "CIELAB", "ICCLAB", "ITULAB")
 JPEG_MARKER = re.compile(rb"\xff[\x02-\xcf\xd8-\xfe]")  # not in coded pixels
 JPEG_END = 0xD9
 UNSTATED = (2, 2)  # codes of H.273
+LEAST_GAMMA = 0.1  # of a PNG: others are mistakes
 EXIF_SRGB = 1
 EXIF_TEXTS = ("Make", "Model", "Exif:LensModel")
 EXIF_NUMBERS = ("Exif:FocalLength", "Exif:FocalLengthIn35mmFilm")
@@ -70,16 +73,6 @@ def is_image(path: Path) -> bool:
     return path.suffix.lower() in EXTENSIONS
 
 
-def has_utf8(path: Path) -> bool:
-    """Whether the path is a text: what old archives unpack may have names that no
-    library of pictures opens."""
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:
-        return False
-    return True
-
-
 def is_turned(path: Path) -> bool:
     """Whether the EXIF orientation says that the stored pixels are not upright.
 
@@ -90,7 +83,7 @@ def is_turned(path: Path) -> bool:
     if heif.is_heif(path):
         return False
     with _open(path) as file:
-        return _orientation(file.spec()) != 1
+        return _orientation(path, file.spec()) != 1
 
 
 def read_srgb(path: Path, upright: bool = True) -> Float[np.ndarray, "height width 3"]:
@@ -155,7 +148,7 @@ def read_size(path: Path, upright: bool = True) -> tuple[int, int]:
         return heif.read_size(path)
     with _open(path) as file:
         spec = file.spec()
-    turned = upright and _orientation(spec) in TRANSPOSED
+    turned = upright and _orientation(path, spec) in TRANSPOSED
     return (spec.height, spec.width) if turned else (spec.width, spec.height)
 
 
@@ -310,7 +303,7 @@ def _read(
         raise UserError(f"{path}: has pixels that are not numbers; write it again")
     if _alpha_channel(spec) >= 0:
         pixels = _with_plain_alpha(pixels, kind, spec)
-    return pixels, encoding, _orientation(spec)
+    return pixels, encoding, _orientation(path, spec)
 
 
 def _with_plain_alpha(
@@ -334,7 +327,7 @@ def _check_kind(path: Path) -> None:
         )
     if not path.is_file():
         raise UserError(f"{path}: image not found; check the path in the scene file")
-    if not has_utf8(path):
+    if not has_utf8(str(path)):
         raise UserError(f"{path}: its name or a folder's is not UTF-8; rename it")
     try:
         with path.open("rb") as file:
@@ -354,9 +347,12 @@ def _open(path: Path) -> Iterator[oiio.ImageInput]:
     if file is None:
         raise _unreadable(path, oiio.geterror())
     try:
-        fault = _fault(file.format_name(), file.spec())
-        if not fault and file.format_name() == "tiff":
+        kind = file.format_name()
+        fault = _fault(kind, file.spec())
+        if not fault and kind in PAGED_FORMATS:
             fault = _further_pages(file)
+        if not fault and kind == "png" and _is_moving_png(path):
+            fault = MOVING
         if fault:
             raise UserError(f"{path}: {fault}")
         yield file
@@ -366,9 +362,12 @@ def _open(path: Path) -> Iterator[oiio.ImageInput]:
 
 def _unreadable(path: Path, error: str) -> UserError:
     reason = " ".join(error.replace(f'("{path}")', "").split()) or "no pixels"
+    instead = "copy the file again or remove it from the scene"
+    if "not configured" in reason:
+        instead = "save it with LZW or Deflate, or without compression"
     return UserError(
         f"{path}: not a readable image ({reason}); expected a whole "
-        "JPEG, PNG or TIFF: copy the file again or remove it from the scene"
+        f"JPEG, PNG or TIFF: {instead}"
     )
 
 
@@ -380,7 +379,7 @@ def _fault(kind: str, spec: oiio.ImageSpec) -> str:
     if any(spec.get_string_attribute(key) in PRINT_COLORS for key in COLOR_KEYS):
         return "colours for print (CMYK or Lab), not for light; save it as sRGB"
     if spec.get_int_attribute("oiio:Movie"):
-        return "a moving picture; save its frames as photos"
+        return MOVING
     if str(spec.format) in FLOATS and kind not in LINEAR_FORMATS:
         return (
             f"numbers of floating point in a {kind} file, which may be light or sRGB; "
@@ -435,12 +434,22 @@ END_CHECKS = {"jpeg": _jpeg_has_end, "png": _png_has_end}
 
 
 def _further_pages(file: oiio.ImageInput) -> str:
-    """Refuses more than one picture in a file; a smaller one is a preview."""
-    size = file.spec().width, file.spec().height
-    has_more = file.seek_subimage(1, 0) and (file.spec().width, file.spec().height)
+    """Refuses more than one picture in a file; smaller ones after it are previews."""
+    size = file.spec().image_pixels()
+    largest, page = 0, 1
+    while file.seek_subimage(page, 0):
+        largest, page = max(largest, file.spec().image_pixels()), page + 1
     file.seek_subimage(0, 0)
-    file.geterror()  # that there is no second one
-    return "several pictures in one file; save each of its own" * (has_more == size)
+    file.geterror()  # that there is no further one
+    return "several pictures in one file; save each of its own" * (largest >= size)
+
+
+def _is_moving_png(path: Path) -> bool:
+    """Whether it is an animation, of whose frames the stored picture may be none."""
+    names = [name for name, _ in metadata.png_chunks(path)]
+    return b"acTL" in names and (
+        names.count(b"fcTL") > 1 or b"fcTL" not in names[: names.index(b"IDAT")]
+    )
 
 
 def _stated_encoding(path: Path, kind: str, spec: oiio.ImageSpec) -> Encoding | None:
@@ -454,8 +463,8 @@ def _stated_encoding(path: Path, kind: str, spec: oiio.ImageSpec) -> Encoding | 
     encoding = _encoding(path, bytes(icc) if icc is not None else b"", codes, colors)
     if encoding or icc is not None or codes != UNSTATED:
         return encoding
-    if kind == "png" and (gamma := _png_gamma(spec)) != 0.0:
-        return color_profile.from_gamma(gamma)
+    if kind == "png":
+        return _png_encoding(dict(reversed(metadata.png_chunks(path))))
     if kind == "jpeg" and spec.get_int_attribute("Exif:ColorSpace") != EXIF_SRGB:
         return color_profile.adobe_rgb() if _names_adobe_rgb(path) else None
     return None
@@ -473,12 +482,21 @@ def _encoding(
         raise UserError(f"{path}: {error}; save it as sRGB") from error
 
 
-def _png_gamma(spec: oiio.ImageSpec) -> float:
-    """The power that a PNG states; 0 for none, and for sRGB's usual stand-in 1/2.2."""
-    if spec.get_string_attribute("oiio:ColorSpace").startswith("lin_"):
-        return 1.0
-    gamma = spec.get_float_attribute("oiio:Gamma")
-    return 0.0 if abs(gamma - 2.2) < 0.01 else gamma
+def _png_encoding(chunks: Mapping[bytes, bytes]) -> Encoding | None:
+    """What a PNG states by a gamma and primaries, where it does not say sRGB.
+
+    A gamma of 1/2.2 stands for sRGB's curve, and so does one that nobody means."""
+    if b"sRGB" in chunks:
+        return None
+    gamma = int.from_bytes(chunks.get(b"gAMA", b"")) / 1e5
+    is_meant = LEAST_GAMMA < gamma < 1.0 / LEAST_GAMMA and abs(gamma - 1 / 2.2) > 0.002
+    power = 1.0 / gamma if is_meant else 0.0
+    stated = np.frombuffer(chunks.get(b"cHRM", b"")[:32], ">u4") / 1e5
+    white_first = tuple(map(float, stated))
+    primaries = (*white_first[2:], *white_first[:2])
+    if not color_profile.are_primaries(primaries):
+        return color_profile.from_gamma(power) if power else None
+    return color_profile.from_primaries(primaries, power)
 
 
 def _names_adobe_rgb(path: Path) -> bool:
@@ -488,9 +506,11 @@ def _names_adobe_rgb(path: Path) -> bool:
     return any(entry in start for entry in ADOBE_RGB_ENTRIES)
 
 
-def _orientation(spec: oiio.ImageSpec) -> int:
-    """The EXIF orientation; 1, as stored, where it states none of the eight."""
-    orientation = spec.get_int_attribute("Orientation", 1)
+def _orientation(path: Path, spec: oiio.ImageSpec) -> int:
+    """The orientation that EXIF states, or where it has none XMP; 1, as stored, where
+    that is none of the eight."""
+    stated = spec.getattribute("Orientation")
+    orientation = metadata.xmp_orientation(path) if stated is None else int(stated)
     return orientation if orientation in range(1, 9) else 1
 
 

@@ -19,7 +19,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 
 from internal import extras
-from internal.errors import UserError
+from internal.errors import UserError, has_utf8
 from internal.files import heif, image_io
 
 # What systems and servers leave beside files, in lower case; and names with a dot.
@@ -130,7 +130,7 @@ def find_pictures(folder: Path) -> Listing:
         inside = path.relative_to(folder)
         name = inside.as_posix()
         reason = _why_not(path)
-        if not image_io.has_utf8(inside):
+        if not has_utf8(name):
             reason = "its name or a folder's is not UTF-8; rename it"
             name = name.encode(errors="backslashreplace").decode()
         elif "\n" in name or "\r" in name:

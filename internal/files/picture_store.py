@@ -16,16 +16,18 @@ from jaxtyping import Int, UInt16
 
 from internal.errors import UserError
 
-Picture = UInt16[np.ndarray, "_h _w 3"]
+StoredPicture = UInt16[np.ndarray, "_h _w 3"]
 
 
-def hold(pictures: Iterable[Picture], max_gigabytes: float) -> Sequence[Picture]:
+def hold(
+    pictures: Iterable[StoredPicture], max_gigabytes: float
+) -> Sequence[StoredPicture]:
     """The pictures as a tuple or, from the first that does not fit, in a file.
 
     Raises:
         UserError: the disk is full.
     """
-    held: list[Picture] = []
+    held: list[StoredPicture] = []
     total = 0
     rest = iter(pictures)
     for picture in rest:
@@ -36,17 +38,17 @@ def hold(pictures: Iterable[Picture], max_gigabytes: float) -> Sequence[Picture]
     return tuple(held)
 
 
-def gigabytes(pictures: Sequence[Picture]) -> float:
+def gigabytes(pictures: Sequence[StoredPicture]) -> float:
     """Size of all pictures together."""
     if isinstance(pictures, PictureStore):
         return pictures.nbytes / 1e9
     return sum(picture.nbytes for picture in pictures) / 1e9
 
 
-class PictureStore(Sequence[Picture]):
+class PictureStore(Sequence[StoredPicture]):
     """A sequence of pictures that lie on disk."""
 
-    def __init__(self, *parts: Iterable[Picture]) -> None:
+    def __init__(self, *parts: Iterable[StoredPicture]) -> None:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115, lives with the store
         weakref.finalize(self, self._file.close)
         self._shapes: list[tuple[int, ...]] = []
@@ -71,10 +73,12 @@ class PictureStore(Sequence[Picture]):
         return len(self._shapes)
 
     @overload
-    def __getitem__(self, index: int) -> Picture: ...
+    def __getitem__(self, index: int) -> StoredPicture: ...
     @overload
-    def __getitem__(self, index: slice) -> Sequence[Picture]: ...
-    def __getitem__(self, index: int | slice) -> Picture | Sequence[Picture]:
+    def __getitem__(self, index: slice) -> Sequence[StoredPicture]: ...
+    def __getitem__(
+        self, index: int | slice
+    ) -> StoredPicture | Sequence[StoredPicture]:
         """A copy of one picture, or of several."""
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]

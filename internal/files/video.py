@@ -8,6 +8,7 @@ from what the video states (``color_profile``); BT.709 is shown as sRGB is.
 
 import dataclasses
 from collections.abc import Iterable, Iterator
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from av.container import InputContainer
 
 CRF = 17  # constant quality of x264 at which few eyes find a difference
+ROUNDED = 0.01  # of a pixel's width: sizes that are even state no other shape
 CUT_OFF = 0.1  # of the stated length, or a second: a file copied in part
 # Codes of H.273; players take large videos that state nothing as BT.709.
 UNSTATED, BT709_MATRIX, SD_HEIGHT = 2, 1, 576
@@ -58,6 +60,7 @@ class Still:
 
     time: float  # seconds
     _decoded: "av.VideoFrame"
+    _aspect: float  # of its pixels: width over height, 1 for square ones
     _encoding: Encoding | None
     _turns: int  # quarters, counterclockwise
 
@@ -82,7 +85,9 @@ class Still:
         matrix = frame.colorspace
         if matrix == UNSTATED and frame.height > SD_HEIGHT:
             matrix = BT709_MATRIX
-        return frame.reformat(format=layout, src_colorspace=matrix).to_ndarray()
+        width = round(frame.width * self._aspect)
+        squared = frame.reformat(width, format=layout, src_colorspace=matrix)
+        return squared.to_ndarray()
 
 
 def read_video(path: Path) -> Iterator[Still]:
@@ -97,23 +102,28 @@ def read_video(path: Path) -> Iterator[Still]:
 
     try:
         with av.open(str(path)) as container:
-            codec = container.streams.video[0].codec_context
-            encoding, time = None, 0.0
+            stream = container.streams.video[0]
+            encoding, aspect, time = None, 1.0, 0.0
             for index, frame in enumerate(container.decode(video=0)):
                 if index == 0:  # what only the frames state is known now
-                    encoding = _encoding(path, codec)
+                    encoding = _encoding(path, stream.codec_context)
+                    aspect = _pixel_aspect(path, stream.sample_aspect_ratio)
                 turns, time = round(frame.rotation / 90), frame.time or 0.0
-                yield Still(time, frame, encoding, turns)
+                yield Still(time, frame, aspect, encoding, turns)
             stated = _seconds(container)
     except (FFmpegError, IndexError) as error:
         raise UserError(
-            f"{path}: not a readable video ({error}); expected MP4, MOV, MKV, ...: "
-            "copy the file again, or give a folder of photos"
+            f"{path}: not a readable video ({_reason(error)}); expected MP4, MOV, MKV, "
+            "...: copy the file again, or give a folder of photos"
         ) from error
     if stated - time > max(1.0, CUT_OFF * stated):
         raise UserError(
             f"{path}: ends after {time:.1f} of {stated:.1f} seconds; copy it again"
         )
+
+
+def _reason(error: Exception) -> str:
+    return "no pictures in it" if isinstance(error, IndexError) else str(error)
 
 
 def _seconds(container: "InputContainer") -> float:
@@ -122,6 +132,15 @@ def _seconds(container: "InputContainer") -> float:
     if stream.duration and stream.time_base:
         return float(stream.duration * stream.time_base)
     return (container.duration or 0) / 1e6
+
+
+def _pixel_aspect(path: Path, stated: Fraction | None) -> float:
+    """Width over height of a video's pixels; lenses here have square ones."""
+    aspect = float(stated or 1)
+    if abs(aspect - 1.0) <= ROUNDED:
+        return 1.0
+    print(f"{path}: pixels {aspect:.3g} times as wide as high, made square", flush=True)
+    return aspect
 
 
 def _encoding(path: Path, codec: "av.VideoCodecContext") -> Encoding | None:

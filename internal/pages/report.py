@@ -6,9 +6,10 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from internal.configs import ModelConfig
 from internal.pages import charts, pages, sliders
-from internal.rendering.evidence import legend_html
-from internal.scoring.evaluation import BASELINES
+from internal.rendering import evidence
+from internal.scoring import evaluation
 from internal.training import run_folder
 
 NOT_CURVES = frozenset(["step", "seconds"])
@@ -53,14 +54,24 @@ def evidence_legend() -> pages.Markup:
         "A step of light is what the photos that saw a place just tell apart, all "
         "together: the level of the dark picture, times the square root of their "
         "number, over the noise of one. White balance and exposure lift noise alike.",
-        legend_html(),
+        evidence.legend_html(),
     )
 
 
-def parts_in(evaluation: Path) -> tuple[str, ...]:
+def explained_pictures(model: ModelConfig) -> dict[str, str]:
+    """What each folder of pictures of eval.py shows."""
+    return {
+        **evidence.explained_outputs(model),
+        **{name: text for name, (_, text) in evaluation.BASELINES.items()},
+        "input": "the dark photo",
+        "truth": "the normal-light photo",
+    }
+
+
+def parts_in(evaluated: Path) -> tuple[str, ...]:
     """The outputs of eval.py that explain a model: all but the whole pictures."""
-    whole = {"enhanced", "dark", "input", "truth", *BASELINES}
-    folders = sorted(path.name for path in evaluation.glob("*/"))
+    whole = {"enhanced", "dark", "input", "truth", *evaluation.BASELINES}
+    folders = sorted(path.name for path in evaluated.glob("*/"))
     return tuple(name for name in folders if name not in whole)
 
 

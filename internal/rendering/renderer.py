@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whole pictures from a trained model, in chunks of rays, on all devices."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import jax
@@ -29,13 +29,10 @@ class Renderer:
         space: Space,
         mesh: jax.sharding.Mesh,
         chunk: int,
-        keep: Callable[[Rendering | LitRendering], Any] = lambda rendering: rendering,
     ) -> None:
         """
         Args:
             chunk: rays per call, at most; no more than a view of ``cameras`` has.
-            keep: what is wanted of a rendering; the compiler drops what only the
-                rest needs.
         """
         devices = mesh.devices.size
         largest = int(np.max(np.int64(cameras.widths) * np.int64(cameras.heights)))
@@ -57,7 +54,7 @@ class Renderer:
             pixel = jax.lax.with_sharding_constraint(pixel, sharding)
             views = jnp.zeros_like(pixel)
             rays = cast_rays(camera, space, views, pixel % width, pixel // width)
-            return keep(apply({"params": params}, rays, space, edit))
+            return apply({"params": params}, rays, space, edit)
 
         @jax.jit
         def relight_chunk(params: Params, part: LitRendering, edit: LightEdit) -> Any:
@@ -70,13 +67,15 @@ class Renderer:
         self._space = parallel.replicate(space, mesh)
         self._mesh = mesh
 
-    def view(self, params: Params, view: int, edit: LightEdit = NEUTRAL) -> Any:
-        """What is kept of one view, ``[height, width, channels]``."""
+    def view(
+        self, params: Params, view: int, edit: LightEdit = NEUTRAL
+    ) -> Rendering | LitRendering:
+        """One view of ``cameras``, ``[height, width, channels]``."""
         return self.picture(params, self._cameras.take(np.array([view])), edit)
 
     def picture(
         self, params: Params, camera: Cameras, edit: LightEdit = NEUTRAL
-    ) -> Any:
+    ) -> Rendering | LitRendering:
         """What a single camera sees, ``[height, width, channels]``."""
         parts = list(self.parts(params, camera, edit))
         return assemble(parts, int(camera.widths[0]), int(camera.heights[0]))

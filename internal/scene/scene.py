@@ -21,7 +21,7 @@ from internal.cameras import NODES, Cameras, Lens
 from internal.color import UINT16_ONE
 from internal.coord import Space
 from internal.errors import UserError
-from internal.files.picture_store import Picture, hold
+from internal.files.picture_store import StoredPicture, hold
 from internal.poses import Similarity
 from internal.scene import readers
 from internal.scene.colmap import lens_table
@@ -73,8 +73,8 @@ class Scene:
     image_paths: tuple[Path, ...]  # files of ``images``; of truth where there are none
     lenses: tuple[Lens, ...]  # at the size of ``images``
     cameras: Cameras  # NumPy arrays, model frame
-    images: Sequence[Picture]  # dark input; () where test views have truth alone
-    truth: Mapping[int, Picture]  # by view, of those that have it
+    images: Sequence[StoredPicture]  # dark input; () where test views have truth alone
+    truth: Mapping[int, StoredPicture]  # by view, of those that have it
     masks: tuple[Mask, ...]  # of ``images`` and ``truth``; () if every pixel counts
     gains: Float[np.ndarray, "n 3"]  # photo over scene, linear light
     space: Space
@@ -127,6 +127,18 @@ class _Layout:
     truth: Truth
     gains: Float[np.ndarray, "n 3"]
     masks: tuple[Mask, ...]
+
+    def mask(self, view: int) -> Mask:
+        """Which pixels of a view count."""
+        lens = self.lenses[view]
+        return self.masks[view] if self.masks else everything(lens.width, lens.height)
+
+    @functools.cached_property
+    def identity(self) -> Identity:
+        """By which a run knows the scene again."""
+        return identify(
+            self.files, self.lenses, self.is_test, self.gains, self.bounds, self.frame
+        )
 
 
 def load_scene(
@@ -219,12 +231,7 @@ def _load(
     """The scene of some views, with their pictures."""
     files, frame, truth = layout.files, layout.frame, layout.truth
     lenses = tuple(layout.lenses[view] for view in views)
-    masks = {
-        view: layout.masks[view]
-        if layout.masks
-        else everything(layout.lenses[view].width, layout.lenses[view].height)
-        for view in views
-    }
+    masks = {view: layout.mask(view) for view in views}
     camtoworlds = frame.model_from_world.poses(files.camtoworlds[views])
     photos = (
         load_picture(
@@ -265,9 +272,7 @@ def _load(
         far=layout.bounds.far,
         model_from_world=frame.model_from_world,
         upright=files.upright,
-        identity=identify(
-            files, layout.lenses, layout.is_test, layout.gains, layout.bounds, frame
-        ),
+        identity=layout.identity,
     )
 
 

@@ -21,6 +21,7 @@ from internal.configs import Config
 from internal.errors import UserError
 from internal.models import Model
 from internal.scene.scene import Scene
+from internal.training.sampler import Chances
 from internal.training.step import compiled_step, initial_state
 
 MEASURED_STEPS = 20  # of each phase
@@ -133,11 +134,15 @@ def stretch(config: Config, seconds: float, times: StepTimes) -> Config:
 
 
 def measure(
-    config: Config, scene: Scene, model: Model, mesh: jax.sharding.Mesh
+    config: Config,
+    scene: Scene,
+    model: Model,
+    mesh: jax.sharding.Mesh,
+    chances: Chances,
 ) -> StepTimes:
     """Times steps of both phases on a state that is then thrown away."""
     train = config.train
-    take_step = compiled_step(config, model, scene, mesh)
+    take_step = compiled_step(config, model, scene, mesh, chances)
     state = parallel.replicate(initial_state(config, model), mesh)
     medians: list[float] = []
     started = time.perf_counter()

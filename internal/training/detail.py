@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int, Int32, UInt8
 from scipy import ndimage
 
 from internal.color import from_uint16
-from internal.files.picture_store import Picture
+from internal.files.picture_store import StoredPicture
 from internal.squares import square_means
 
 MOST_PIXELS = 1_000_000  # of a photo that are looked at, evenly spread
@@ -48,7 +48,7 @@ class Detail:
 
 
 def find_detail(
-    images: Sequence[Picture], masks: Sequence[Bool[np.ndarray, "_h _w"]] = ()
+    images: Sequence[StoredPicture], masks: Sequence[Bool[np.ndarray, "_h _w"]] = ()
 ) -> Detail:
     """The detail of photos; what is masked has no part in it.
 
@@ -68,7 +68,7 @@ def find_detail(
 
 
 def _tiles(
-    image: Picture, mask: Bool[np.ndarray, "h w"]
+    image: StoredPicture, mask: Bool[np.ndarray, "h w"]
 ) -> UInt8[np.ndarray, "rows columns"]:
     """The detail of each tile of a photo; the last ones reach over its ends."""
     counts = _means(mask.astype(np.float32), 2)

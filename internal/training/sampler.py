@@ -24,8 +24,9 @@ from internal import parallel
 from internal.cameras import Cameras
 from internal.color import UINT16_ONE
 from internal.configs import Config, TrainConfig
-from internal.files.picture_store import Picture, PictureStore, gigabytes
+from internal.files.picture_store import PictureStore, StoredPicture, gigabytes
 from internal.scene.masks import Mask
+from internal.scene.scene import Scene
 from internal.training import shuffle
 from internal.training.choices import Choices, Drawable, find_choices
 from internal.training.detail import Detail, find_detail
@@ -56,6 +57,14 @@ class Batch:
         return jnp.asarray(self.levels).astype(jnp.float32) / UINT16_ONE
 
 
+@struct.dataclass
+class Chances:
+    """Which pixels are drawn, and how often: at first all, and all alike."""
+
+    choices: Choices | None = None  # those that may be drawn; None: all
+    detail: Detail | None = None  # draws its places more often; None: all alike
+
+
 @runtime_checkable
 class PixelSource(Protocol):
     """Gives the batch of a step inside the jitted train step."""
@@ -80,30 +89,26 @@ def sample_pixels(
     train: TrainConfig,
     neighbors: int,
     step: Int[Array, ""],
-    choices: Choices | None = None,
-    detail: Detail | None = None,
+    chances: Chances,
 ) -> Pixels:
     """Photos in turns, and of each all pixels in a random order before one comes again.
 
-    With ``detail``, of two of them each, one is taken: the likelier, the more detail is
-    around it. The enhancement's losses, which are means over the scene, see all alike.
+    With ``chances.detail``, of two of them each, one is taken: the likelier, the more
+    detail is around it. The enhancement's losses, which are means over the scene, see
+    all alike.
 
     Patches are only needed by the smoothness loss; before it starts every member is
     a pixel of its own, which tells the field more. Patches never leave the picture,
     so every member has a colour of its own.
-
-    Args:
-        choices: the pixels that may be drawn; None: all.
-        detail: where photos have it; None: all pixels are drawn alike.
     """
     columns, rows = _OFFSETS[neighbors]
     members = (train.batch_size, len(columns))
     first = step.astype(jnp.uint32) * jnp.uint32(train.batch_size)
     patch = first + jnp.arange(members[0], dtype=jnp.uint32)[:, None]
     single = patch * jnp.uint32(members[1]) + jnp.arange(members[1], dtype=jnp.uint32)
-    singles, patches = (choices.singles, choices.patches) if choices else (None, None)
-    apart = _draw_singles(single, train.seed, cameras, singles, detail)
-    corner = _draw(patch, train.seed, cameras, (max(columns), max(rows)), patches)
+    apart = _draw_singles(single, train.seed, cameras, chances)
+    drawable = chances.choices.patches if chances.choices else None
+    corner = _draw(patch, train.seed, cameras, (max(columns), max(rows)), drawable)
     together = Pixels(
         view=jnp.broadcast_to(corner.view, members),
         x=corner.x + jnp.array(columns),
@@ -117,11 +122,12 @@ def _draw_singles(
     number: UInt32[Array, "*b"],
     seed: int,
     cameras: Cameras,
-    drawable: Drawable | None,
-    detail: Detail | None,
+    chances: Chances,
 ) -> Pixels:
     """The pixels of draws of these numbers: with ``detail``, of two pixels each, either
     with chances in proportion to the detail around them."""
+    detail = chances.detail
+    drawable = chances.choices.singles if chances.choices else None
 
     def draw(number: UInt32[Array, "*b"]) -> Pixels:
         return _draw(number, seed, cameras, (0, 0), drawable)
@@ -167,8 +173,7 @@ class ResidentPixels:
     levels: UInt16[Array | np.ndarray, "k 3"]
     starts: Int[Array | np.ndarray, " n"]  # first row of each picture
     gains: Float[Array | np.ndarray, "n 3"]
-    choices: Choices | None  # None: every pixel may be drawn
-    detail: Detail | None  # None: every pixel is drawn alike
+    chances: Chances
 
     def batch(
         self,
@@ -177,9 +182,7 @@ class ResidentPixels:
         neighbors: int,
         step: Int[Array, ""],
     ) -> Batch:
-        pixels = sample_pixels(
-            cameras, train, neighbors, step, self.choices, self.detail
-        )
+        pixels = sample_pixels(cameras, train, neighbors, step, self.chances)
         rows = flat_rows(pixels, self.starts, cameras.widths)
         return Batch(pixels, self.levels[rows], self.gains[pixels.view])
 
@@ -210,34 +213,32 @@ def flat_rows(
     return starts[pixels.view] + pixels.y * widths[pixels.view] + pixels.x
 
 
+def find_chances(scene: Scene, config: Config) -> Chances:
+    """What a training on a scene draws: nothing masked, and detail if it seeks that.
+
+    Raises:
+        UserError: masks leave no whole patch in any photo.
+    """
+    choices = choices_of(scene.masks, neighbors_of(config))
+    seeks = config.train.seek_detail
+    return Chances(choices, find_detail(scene.images, scene.masks) if seeks else None)
+
+
 def choices_of(masks: Sequence[Mask], neighbors: int) -> Choices | None:
     """What a step may draw of photos with these masks; None: () leaves all of them."""
     return find_choices(masks, *_OFFSETS[neighbors]) if masks else None
 
 
-def detail_of(
-    images: Sequence[Picture], masks: Sequence[Mask], train: TrainConfig
-) -> Detail | None:
-    """Where a training finds detail in photos; None if it looks for none."""
-    return find_detail(images, masks) if train.seek_detail else None
-
-
 def resident_pixels(
-    images: Sequence[Picture],
+    images: Sequence[StoredPicture],
     gains: Float[np.ndarray, "n 3"],
-    choices: Choices | None = None,
-    detail: Detail | None = None,
+    chances: Chances,
 ) -> ResidentPixels:
     """All pictures, flat."""
     sizes = [image.shape[0] * image.shape[1] for image in images]
     starts = np.cumsum([0, *sizes[:-1]]).astype(np.int32)
-    return ResidentPixels(
-        np.concatenate([image.reshape(-1, 3) for image in images]),
-        starts,
-        gains,
-        choices,
-        detail,
-    )
+    levels = np.concatenate([image.reshape(-1, 3) for image in images])
+    return ResidentPixels(levels, starts, gains, chances)
 
 
 class PixelFeeder:
@@ -250,29 +251,24 @@ class PixelFeeder:
         cameras: Cameras,
         mesh: jax.sharding.Mesh,
         config: Config,
-        choices: Choices | None,
-        detail: Detail | None,
+        chances: Chances,
     ) -> None:
         self._images, self._gains = images, gains
-        self._drawn_from = jax.device_put((choices, detail))
+        self._chances = jax.device_put(chances)
         self._mesh = mesh
         self._share = parallel.process_share(config.train.batch_size)
 
         @jax.jit
-        def sample(
-            step: Int[Array, ""], choices: Choices | None, detail: Detail | None
-        ) -> Pixels:
+        def sample(step: Int[Array, ""], chances: Chances) -> Pixels:
             neighbors = neighbors_of(config)
-            return sample_pixels(
-                cameras, config.train, neighbors, step, choices, detail
-            )
+            return sample_pixels(cameras, config.train, neighbors, step, chances)
 
         self._sample = sample
 
     def feed(self, step: int) -> FedPixels:
         """The batch that ``ResidentPixels.batch`` gives after ``step`` steps."""
         number = jax.device_put(np.int32(step))
-        sampled = jax.device_get(self._sample(number, *self._drawn_from))
+        sampled = jax.device_get(self._sample(number, self._chances))
         pixels = jax.tree.map(lambda x: x[self._share], sampled)
         levels = self._images.pixels(pixels.view, pixels.x, pixels.y)
         batch = Batch(pixels, levels, self._gains[pixels.view])
@@ -280,25 +276,23 @@ class PixelFeeder:
 
 
 def pixel_source(
-    images: Sequence[Picture],
+    images: Sequence[StoredPicture],
     gains: Float[np.ndarray, "n 3"],
     cameras: Cameras,
     mesh: jax.sharding.Mesh,
     config: Config,
-    masks: Sequence[Mask] = (),
+    chances: Chances,
 ) -> Callable[[int], PixelSource]:
     """What gives the train step its pixels, as a function of the finished steps.
 
     Pictures larger than ``Config.max_image_memory`` gigabytes, and all pictures of a
     run of several processes, are fed by the host.
     """
-    choices = choices_of(masks, neighbors_of(config))
-    detail = detail_of(images, masks, config.train)
     size = gigabytes(images)
     stored = isinstance(images, PictureStore)
     if stored or jax.process_count() > 1 or size > config.max_image_memory:
         print(f"pictures: {size:.2f} GB, fed from the host", flush=True)
         store = images if isinstance(images, PictureStore) else PictureStore(images)
-        return PixelFeeder(store, gains, cameras, mesh, config, choices, detail).feed
-    resident = parallel.replicate(resident_pixels(images, gains, choices, detail), mesh)
+        return PixelFeeder(store, gains, cameras, mesh, config, chances).feed
+    resident = parallel.replicate(resident_pixels(images, gains, chances), mesh)
     return lambda step: resident

@@ -20,6 +20,7 @@ from jax import Array
 from jax.lax import stop_gradient
 from jax.sharding import AbstractMesh, Mesh
 from jaxtyping import Float, PRNGKeyArray
+from tqdm import tqdm
 
 from internal import color, losses, parallel, stepfun
 from internal.cameras import Cameras, Rays, cast_rays
@@ -34,6 +35,7 @@ from internal.structs import Level, Levels, Params, Terms
 from internal.training.optimizer import ENHANCEMENT, group_params, make_optimizer
 from internal.training.sampler import (
     Batch,
+    Chances,
     PixelSource,
     neighbors_of,
     pixel_source,
@@ -158,7 +160,7 @@ def gradients(
     rays: Rays,
     space: Space,
     batch: Batch,
-    key: Any,
+    key: PRNGKeyArray,
 ) -> tuple[Params, Terms, Float[Array, ""]]:
     """Gradients, loss terms and mean squared error over some of a batch. The
     enhancement costs nothing before ``enhance_start``."""
@@ -245,15 +247,23 @@ def make_train_step(
 
 
 def compiled_step(
-    config: Config, model: Model, scene: Scene, mesh: jax.sharding.Mesh
+    config: Config,
+    model: Model,
+    scene: Scene,
+    mesh: jax.sharding.Mesh,
+    chances: Chances,
 ) -> Callable[[TrainState, int], tuple[TrainState, StepStats]]:
     """The train step on a scene, as a function of the state and the finished steps.
 
     The state it is given is used up. Pictures lie on the devices, or are fed from the
-    host when too large; ``scene`` is the training split.
+    host when too large.
+
+    Args:
+        scene: the training split.
+        chances: of ``find_chances`` for that scene, which takes its time.
     """
     pixels_of_step = pixel_source(
-        scene.images, scene.gains, scene.cameras, mesh, config, scene.masks
+        scene.images, scene.gains, scene.cameras, mesh, config, chances
     )
     cameras, space = parallel.replicate((scene.cameras, scene.space), mesh)
     ideal = config.losses.observation == "ideal"
@@ -310,3 +320,17 @@ def summarize(stats: StepStats) -> dict[str, float]:
     numbers |= {f"loss/{name}": x for name, x in stats.terms.items()}
     numbers |= {f"grad_norm/{name}": x for name, x in stats.grad_norms.items()}
     return {name: float(x) for name, x in numbers.items()}
+
+
+def bar_line(numbers: dict[str, float], shown: tqdm, rays_per_step: int) -> str:
+    """PSNR, rays per second and loss terms of ``summarize``, for the bar of steps."""
+    rate = shown.format_dict["rate"]
+    if not rate:
+        rate = (shown.n - shown.initial) / max(shown.format_dict["elapsed"], 1e-3)
+    rays = rate * rays_per_step
+    terms = " ".join(
+        f"{name.removeprefix('loss/')} {value:.2g}"
+        for name, value in numbers.items()
+        if name.startswith("loss/") and value
+    )
+    return f"PSNR {numbers['psnr']:.1f} dB, {rays:,.0f} rays/s, {terms}"
