@@ -32,7 +32,7 @@ from tests.browser import chromium
 WIDTH, HEIGHT = 640, 480
 PAGES = 5
 STOPS = 5
-BAKING = 1800.0  # seconds that splats may take
+PATIENCE = 1800.0  # seconds; splats may have to be baked
 SPLATS = "() => window.__viserSceneTree?.getState()['/splats']?.effectiveVisibility"
 CAMERA = "() => window.__viserMutable.cameraControl.camera.matrixWorld.elements.join()"
 CLEAR = ".mantine-Notifications-root { visibility: hidden }"
@@ -116,9 +116,10 @@ def served(flags: list[str]) -> Iterator[str]:
 def opened(browser: Any, address: str) -> Any:
     """A page with its first picture, of ``WIDTH`` by ``HEIGHT``."""
     page = browser.new_page(viewport={"width": WIDTH + 320, "height": HEIGHT})
+    page.set_default_timeout(PATIENCE * 1e3)
     page.add_init_script(COUNT)
     page.goto(address)
-    page.wait_for_function("() => window.seen.first !== null", timeout=120e3)
+    page.wait_for_function("() => window.seen.first !== null")
     beside = WIDTH + 320 - canvas(page)["width"]
     page.set_viewport_size({"width": round(WIDTH + beside), "height": HEIGHT})
     return page
@@ -132,7 +133,7 @@ def canvas(page: Any) -> Any:
 def walked(page: Any, seconds: float, walks: bool) -> list[tuple[str, str]]:
     """What is seen while the camera moves and where it stops."""
     if walks:
-        page.wait_for_function(f"() => ({SPLATS})() != null", timeout=BAKING * 1e3)
+        page.wait_for_function(f"() => ({SPLATS})() != null")
     page.get_by_role("tab", name="Photos").click()
     page.get_by_label("Show photos").uncheck()
     rates, steps, scores = [], [], []
@@ -181,7 +182,7 @@ def switched(page: Any) -> tuple[np.ndarray, np.ndarray]:
         if page.evaluate(CAMERA) == camera:
             break
     assert still_there, "the field was faster than a screenshot of the splats"
-    page.wait_for_function(f"() => !({SPLATS})()", timeout=120e3)
+    page.wait_for_function(f"() => !({SPLATS})()")
     page.wait_for_timeout(1000)  # until it is drawn
     assert page.evaluate(CAMERA) == camera, "the camera has moved"
     return splats, shot(page)
