@@ -41,6 +41,7 @@ class ViewerPage:
         self._listen(Session, "stand", self.cameras)
         config = load_config([], settings)
         self.studio = Studio(config, load_split(config, "train"))
+        self.compiled_at_first = self.compiled()
         self.bakery = Bakery(self.studio, run, splats) if splats else None
         self.server = Server(config, self.studio, "127.0.0.1", 0, self.bakery)
         self.page = browser.new_page(viewport={"width": 900, "height": ZOOM * HEIGHT})
@@ -59,6 +60,14 @@ class ViewerPage:
         self.server.close()
         self.page.close()
         self._patches.undo()
+
+    def compiled(self) -> int:
+        """How many programs the studio has for rendering and lighting."""
+        return sum(
+            program._cache_size()
+            for renderer in (self.studio._renderer, self.studio._draft_renderer)
+            for program in (renderer._render_chunk, renderer._relight_chunk)
+        )
 
     @property
     def frame(self) -> np.ndarray:
