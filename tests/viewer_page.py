@@ -3,6 +3,7 @@
 
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,11 +64,13 @@ class ViewerPage:
 
     def compiled(self) -> int:
         """How many programs the studio has for rendering and lighting."""
-        return sum(
-            program._cache_size()
-            for renderer in (self.studio._renderer, self.studio._draft_renderer)
+        renderers = self.studio._renderer, self.studio._draft_renderer
+        programs: list[Any] = [
+            program
+            for renderer in renderers
             for program in (renderer._render_chunk, renderer._relight_chunk)
-        )
+        ]
+        return sum(program._cache_size() for program in programs)
 
     @property
     def frame(self) -> np.ndarray:
