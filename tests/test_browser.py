@@ -27,7 +27,8 @@ from internal.rendering.evidence import LEGEND
 from internal.study.answers import preferences, read_answers
 from internal.training.checkpoints import Checkpoints, load_trained
 from internal.viewer.canvas import LINE_GREY
-from tests.browser import chromium, until
+from internal.viewer.free_camera import PIXELS
+from tests.browser import WITHOUT_WEBGL, chromium, launched, until
 from tests.conftest import bindings, flags
 from tests.scene_writers import write_pictures
 
@@ -195,7 +196,10 @@ def apart(viewer, before):
     return np.linalg.norm(viewer.cameras[-1].camtoworld[:, 3] - before[:, 3])
 
 
-def test_a_phone_turns_by_one_finger_moves_by_two_and_keeps_proportions(viewer):
+def test_a_phone_turns_by_one_finger_moves_by_two_and_keeps_proportions(
+    viewer, monkeypatch
+):
+    monkeypatch.setitem(PIXELS, "500 x 375", 36 * 32)  # a finished picture at once
     since = len(viewer.cameras)
     context = viewer.browser.new_context(
         viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True
@@ -375,6 +379,21 @@ def test_another_page_has_its_own_camera_and_light_and_may_be_closed(viewer):
     other.close()  # in the middle of refining
     viewer.choose("Picture", "dark")
     until(lambda: viewer.frame.shape == mine.shape, "the first page at work")
+
+
+def test_without_webgl_a_page_says_so_and_others_go_on(viewer):
+    browser = launched(viewer.browser.browser_type, WITHOUT_WEBGL)
+    page = browser.new_page()
+    page.goto(viewer.server.address)
+    page.get_by_text("WebGL is unavailable").wait_for()
+    frames = len(viewer.frames)
+    viewer.choose("Picture", "dark")
+    until(lambda: len(viewer.frames) > frames, "a picture where there is WebGL")
+    browser.close()
+
+
+def test_no_page_waited_for_a_compilation(viewer):
+    assert viewer.compiled() == viewer.compiled_at_first
 
 
 def test_newer_checkpoints_are_shown_as_training_goes_on(viewer, run):

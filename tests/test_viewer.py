@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 import viser
 import websockets.sync.client
+import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
 from viser import _messages
@@ -593,6 +594,22 @@ def test_what_a_page_wanted_done_ends_with_it(studio, tmp_path, ends):
     until(ended.is_set, "its end")
     if ends == "page":
         server.close()
+
+
+def test_a_page_is_sent_its_first_picture_before_the_photos(server):
+    with connected(server) as socket:
+        socket.send(browser_message())
+        sent = []
+        while "CameraFrustumMessage" not in sent:
+            sent += [m["type"] for m in messages_in(socket.recv(30.0))]
+    assert sent.count("BackgroundImageMessage") >= 2  # the first one is empty
+
+
+def messages_in(raw):
+    """What a frame of the server's says."""
+    size = int.from_bytes(raw[8:16], "little")
+    inner = zstandard.ZstdDecompressor().decompress(raw[16 : 16 + size])
+    return msgspec.msgpack.decode(inner)["messages"]
 
 
 def test_a_control_takes_what_its_page_can_send(studio, server):

@@ -3,6 +3,7 @@
 
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,6 +42,7 @@ class ViewerPage:
         self._listen(Session, "stand", self.cameras)
         config = load_config([], settings)
         self.studio = Studio(config, load_split(config, "train"))
+        self.compiled_at_first = self.compiled()
         self.bakery = Bakery(self.studio, run, splats) if splats else None
         self.server = Server(config, self.studio, "127.0.0.1", 0, self.bakery)
         self.page = browser.new_page(viewport={"width": 900, "height": ZOOM * HEIGHT})
@@ -59,6 +61,16 @@ class ViewerPage:
         self.server.close()
         self.page.close()
         self._patches.undo()
+
+    def compiled(self) -> int:
+        """How many programs the studio has for rendering and lighting."""
+        renderers = self.studio._renderer, self.studio._draft_renderer
+        programs: list[Any] = [
+            program
+            for renderer in renderers
+            for program in (renderer._render_chunk, renderer._relight_chunk)
+        ]
+        return sum(program._cache_size() for program in programs)
 
     @property
     def frame(self) -> np.ndarray:

@@ -3,6 +3,7 @@
 
 import asyncio
 import math
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ from internal.viewer.walk import Walk
 
 MOSTLY = 0.5  # of a picture
 STILL = 0.15  # seconds without a step after which one who walks on splats stands
+FIRST = 2.0  # seconds at most that all else waits for the first picture
 Click = tuple[float, tuple[float, float]]  # seconds, and where in the picture
 DOUBLE = 0.5, 0.02  # seconds and shares of the picture that two clicks are apart
 
@@ -65,6 +67,7 @@ class Panel:
         self._click: Click = (-math.inf, (0.0, 0.0))
         self._border = Border(client, distance=self._frustums.size)
         gui, guarded = client.gui, guard(self.say)
+        self._guarded, self._has_shown = guarded, threading.Event()
         gui.add_markdown(
             f"**{studio.scene.name}**: **drag** to turn about the middle, "
             "**right-drag** or two fingers to move, **scroll** or pinch to come "
@@ -98,8 +101,21 @@ class Panel:
         first = camera_of(client.camera)
         client.camera.fov = studio.view_camera(0).seen_in(first.aspect).fov
         self._camera = camera_of(client.camera)
-        self.walk.go(self._camera)
         session.stand(self._camera)
+
+    def fill(self) -> None:
+        """Sends what a first picture must not wait for: the photos' cameras, splats."""
+        self._has_shown.wait(FIRST)
+        self._frustums.add()
+        for view, handle in enumerate(self._frustums.handles):
+
+            async def clicked(_: object, view: int = view) -> None:
+                self._photo.value = self._studio.scene.view_names[view]
+                self._stand_at(view)
+
+            handle.on_click(self._guarded(clicked))
+        self._frustums.update(camera_of(self._client.camera))
+        self.walk.open()
 
     def show(self, frame: Delivery) -> None:
         """Puts a frame on the screen, unless splats show more."""
@@ -108,6 +124,7 @@ class Panel:
         self._client.scene.set_background_image(
             frame.picture, format="jpeg", jpeg_quality=90 if frame.finished else 75
         )
+        self._has_shown.set()
         self._status.content = frame.describe()
         if frame.finished:
             self.walk.rest(frame)
@@ -152,7 +169,7 @@ class Panel:
     def _add_photos(self, guarded: Guard) -> None:
         gui, names = self._client.gui, self._studio.scene.view_names
         shown = gui.add_checkbox("Show photos", initial_value=True)
-        place = gui.add_dropdown("Photo", list(names))
+        place = self._photo = gui.add_dropdown("Photo", list(names))
         go = gui.add_button("Stand there")
         gui.add_markdown("*The photo is then shown beside the picture, to compare.*")
 
@@ -165,13 +182,6 @@ class Panel:
 
         on_change(guarded(toggle), shown)
         go.on_click(guarded(stand))
-        for view, handle in enumerate(self._frustums.handles):
-
-            async def clicked(_: object, view: int = view) -> None:
-                place.value = names[view]
-                self._stand_at(view)
-
-            handle.on_click(guarded(clicked))
 
     def _stand_at(self, view: int) -> None:
         self._move_to(view)

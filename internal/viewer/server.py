@@ -4,6 +4,7 @@
 The optional extra ``view`` brings viser.
 """
 
+import contextlib
 import socket
 import threading
 from pathlib import Path
@@ -97,6 +98,8 @@ class Server:
             self._pages[client.client_id] = panel, session
             self._studio.turns.join(session)
             self._studio.turns.join(panel.walk)
+        with contextlib.suppress(Exception):  # it left meanwhile
+            panel.fill()
 
     def _shut(self, client: viser.ClientHandle) -> None:
         with self._lock:

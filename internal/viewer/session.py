@@ -124,7 +124,7 @@ class Session:
         self.look = Look()
         self.choice = Split()
         self.size = "500 x 375"
-        self.is_walking = False  # something is seen until a whole picture is there
+        self.may_walk = False  # on something that is seen while there is no picture
 
     def stand(self, camera: FreeCamera) -> None:
         """Wants the scene from there."""
@@ -134,6 +134,12 @@ class Session:
             self._is_passing = False
             self.camera = self._wanted = camera
         self._studio.turns.wake()
+
+    @property
+    def is_walking(self) -> bool:
+        """Whether something is seen until a whole picture is there; a first picture,
+        a coarse one, is there before."""
+        return self.may_walk and self._shown is not None
 
     def walk_past(self, camera: FreeCamera) -> None:
         """Is there, and wants no picture yet."""

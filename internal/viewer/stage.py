@@ -11,8 +11,6 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 from viser import _messages
 
-from internal.color import from_uint16, to_uint8
-from internal.files import image_io
 from internal.viewer.free_camera import FreeCamera
 from internal.viewer.studio import Studio
 
@@ -35,7 +33,6 @@ if (controls && !controls.currentAction) {{
 """
 NEAR_ENOUGH = 0.01  # of the distance to what is turned about
 OPENCV_AXES = np.diag([1.0, -1.0, -1.0])
-THUMBNAIL_WIDTH = 64  # pixels
 FRUSTUM_SIZE = 0.1  # of the spread of the photos
 FRUSTUM_COLOR = (255, 170, 60)
 # A camera seen from so near hides the scene from who stands there.
@@ -103,23 +100,25 @@ class Frustums:
     """The photos' cameras as one browser shows them."""
 
     def __init__(self, client: viser.ClientHandle, studio: Studio) -> None:
+        self._client, self._studio = client, studio
         self.size = FRUSTUM_SIZE * studio.spread()  # model units
         self.shown = True
         self.handles: list[viser.CameraFrustumHandle] = []
+
+    def add(self) -> None:
+        """Sends them to the browser."""
+        studio = self._studio
         for view, name in enumerate(studio.scene.view_names):
             camera = studio.view_camera(view)
-            srgb = from_uint16(studio.scene.images[view])
-            height = max(round(THUMBNAIL_WIDTH / camera.aspect), 1)
-            thumbnail = image_io.resize_area(srgb, THUMBNAIL_WIDTH, height)
             self.handles.append(
-                client.scene.add_camera_frustum(
+                self._client.scene.add_camera_frustum(
                     f"/cameras/{view:04d} {name}",
                     fov=camera.fov,
                     aspect=camera.aspect,
                     scale=self.size,
                     thickness=0.02 * self.size,
                     color=FRUSTUM_COLOR,
-                    image=to_uint8(thumbnail),
+                    image=studio.thumbnails[view],
                     wxyz=orientation(camera.camtoworld),
                     position=camera.camtoworld[:, 3],
                     visible=False,

@@ -2,16 +2,19 @@
 """What all users of a viewer share: the scene, the newest model, the computer."""
 
 import dataclasses
+import functools
 from pathlib import Path
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from internal import parallel
 from internal.cameras import Cameras
+from internal.color import from_uint16, to_uint8
 from internal.configs import Config
 from internal.enhancements.look import NEUTRAL, LightEdit, Look
+from internal.files import image_io
 from internal.models import Model
 from internal.rendering.evidence import explained_outputs
 from internal.rendering.pictures import display_for
@@ -20,12 +23,18 @@ from internal.scene import colmap
 from internal.scene.scene import Scene
 from internal.structs import LitRendering, Params, Rendering
 from internal.training.checkpoints import Checkpoints, load_trained
-from internal.viewer.free_camera import FreeCamera, single_camera, vertical_fov
+from internal.viewer.free_camera import (
+    COARSE_PIXELS,
+    FreeCamera,
+    single_camera,
+    vertical_fov,
+)
 from internal.viewer.inquiry import Inquiry
 from internal.viewer.jobs import Speedometer, Task
 from internal.viewer.sharing import Turns
 from internal.viewer.trained import Trained
 
+THUMBNAIL_WIDTH = 64  # pixels
 NEIGHBOURS = 12  # photos that are asked whether they show what is seen
 # A chunk is the time nothing else happens in, so it is short; a call's overhead sets
 # the lower limit.
@@ -55,6 +64,7 @@ class Studio:
         self._renderer = Renderer(self.model, *view)
         self._draft_renderer = Renderer(with_fewer_samples(self.model), *view)
         self.trained = self._trained(state.params, int(state.step))
+        self._warm_up()
 
     def final(self, trained: Trained, camera: Cameras, edit: LightEdit) -> Task:
         """A picture as render.py makes it."""
@@ -119,10 +129,19 @@ class Studio:
 
     def focus_depth(self) -> float:
         """How far ahead of the first photo the scene's middle is, model units."""
-        camera = single_camera(self.view_camera(0).camtoworld, self.scene.lenses[0])
-        return float(
-            np.median(self._renderer.picture(self.trained.params, camera).depth)
-        )
+        return float(np.median(self._first_draft().depth))
+
+    @functools.cached_property
+    def thumbnails(self) -> list[UInt8[np.ndarray, "height width 3"]]:
+        """The photos, ``THUMBNAIL_WIDTH`` pixels wide."""
+        sizes = [
+            (THUMBNAIL_WIDTH, max(round(THUMBNAIL_WIDTH * x.height / x.width), 1))
+            for x in self.scene.lenses
+        ]
+        return [
+            to_uint8(image_io.resize_area(from_uint16(photo), *size))
+            for photo, size in zip(self.scene.images, sizes, strict=True)
+        ]
 
     def update(self) -> bool:
         """Loads a newer checkpoint, if there is one; whether there was.
@@ -137,6 +156,15 @@ class Studio:
         _, state = load_trained(self._config, self._mesh)
         self.trained = self._trained(state.params, int(state.step))
         return True
+
+    def _warm_up(self) -> None:
+        """Compiles what the first page would wait for."""
+        self.relit(self.trained, self._first_draft(), Look())
+
+    def _first_draft(self) -> Rendering | LitRendering:
+        view = self.view_camera(0)
+        camera = single_camera(view.camtoworld, view.lens(COARSE_PIXELS[0]))
+        return self._draft_renderer.picture(self.trained.params, camera)
 
     def _trained(self, params: Params, step: int) -> Trained:
         lens = self.scene.lenses[0]

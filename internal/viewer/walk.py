@@ -49,9 +49,13 @@ class Walk:
         self._frame: Delivery | None = None  # the last one behind which they hid
         self._button = client.gui.add_button(BAKE, visible=False)
         self._text = client.gui.add_markdown("", visible=False)
+        self._button.on_click(guarded(self._bake))
         if bakery:
-            self._button.on_click(guarded(self._bake))
             bakery.listen(self._hear)
+
+    def open(self) -> None:
+        """Sends what the bakery has already."""
+        if self._bakery:
             self._hear()
 
     def go(self, camera: FreeCamera) -> bool:
@@ -94,8 +98,8 @@ class Walk:
         """Knows of the session's choice; what splats cannot show hides them."""
         with self._lock:
             shown = look_shown(self._session.choice, self._session.look)
-            self._session.is_walking = self._handle is not None and shown is not None
-            if not self._session.is_walking:
+            self._session.may_walk = self._handle is not None and shown is not None
+            if not self._session.may_walk:
                 self._hide()
 
     def urgency(self) -> int:
