@@ -32,6 +32,7 @@ OUTLIER = 0.1  # natural log: differences beyond it lose weight
 # Median of what gains leave unexplained, natural log: 0.05 on phone photos. With more,
 # what is said to be one point is not.
 UNTRUSTED = 0.25
+RIDGE = 1e-6  # sightings: views that share no points are each brought to a mean of 0
 DECIMALS = 4  # of measured gains: libraries differ in the last digits
 
 
@@ -201,18 +202,24 @@ def _solve(
     log_light: Float[np.ndarray, " k"],
     count: int,
 ) -> Float[np.ndarray, " {count}"]:
-    """Log gains of one channel by reweighted least squares (Huber)."""
-    rows = np.arange(len(views))
+    """Log gains of one channel by reweighted least squares (Huber).
+
+    The points' light is eliminated: what is solved is as small as there are views.
+    """
     _, numbers = np.unique(points, return_inverse=True)
-    shape = (len(views), count + int(numbers.max()) + 1)
-    columns = np.concatenate([views, count + numbers])
-    ones = np.ones(2 * len(rows))
-    design = sparse.csr_matrix((ones, (np.tile(rows, 2), columns)), shape)
-    weights = np.ones(len(rows))
-    solution = np.zeros(shape[1])
+    shape = (count, int(numbers.max()) + 1)
+    weights, log_gains = np.ones(len(views)), np.zeros(count)
     for _ in range(ROUNDS):
-        scaled = sparse.diags(weights) @ design
-        solution = sparse.linalg.lsmr(scaled, weights * log_light, x0=solution)[0]
-        residuals = np.abs(log_light - design @ solution)
-        weights = np.sqrt(OUTLIER / np.maximum(residuals, OUTLIER))
-    return solution[:count]
+        sums = sparse.csr_matrix((weights, (views, numbers)), shape)
+        heard = sparse.csr_matrix((weights * log_light, (views, numbers)), shape)
+        of_points = np.asarray(sums.sum(axis=0)).ravel()
+        shares = sums.multiply(1.0 / of_points).tocsr()
+        normal = np.diag(np.asarray(sums.sum(axis=1)).ravel())
+        normal = normal - (shares @ sums.T).toarray() + RIDGE * np.eye(count)
+        light_heard = np.asarray(heard.sum(axis=0)).ravel()
+        right = np.asarray(heard.sum(axis=1)).ravel() - shares @ light_heard
+        log_gains = np.linalg.solve(normal, right)
+        scene = (light_heard - sums.T @ log_gains) / of_points
+        residuals = np.abs(log_light - log_gains[views] - scene[numbers])
+        weights = OUTLIER / np.maximum(residuals, OUTLIER)
+    return log_gains
