@@ -55,6 +55,20 @@ def test_a_model_beside_other_poses_tells_exposures_too(tmp_path):
     np.testing.assert_allclose(load(tmp_path).gains[:, 0], expected_gains(), rtol=2e-3)
 
 
+def test_a_broken_model_beside_poses_with_points_of_their_own_is_warned_of(
+    tmp_path, capsys
+):
+    rows = "\n".join(" ".join(map(str, point)) for point in WORLD.points)
+    head = "ply\nformat ascii 1.0\nelement vertex 400\n"
+    axes = "".join(f"property float {axis}\n" for axis in "xyz")
+    (tmp_path / "points.ply").write_text(f"{head}{axes}end_header\n{rows}\n")
+    write_nerfstudio(tmp_path, WORLD, ply_file_path="points.ply")
+    model = write_model(tmp_path / "sparse" / "0", WORLD, tracked=True) / "0"
+    (model / "images.bin").write_bytes(b"\1" * 20)
+    np.testing.assert_array_equal(load(tmp_path).gains, 1.0)
+    assert "taken as equally exposed" in capsys.readouterr().out
+
+
 def test_equal_photos_keep_every_bit_of_their_light(tmp_path, capsys):
     write_colmap(tmp_path, WORLD, tracked=True)
     for name in WORLD.names:

@@ -5,6 +5,7 @@ Pictures are read as float sRGB in [0, 1] and returned as uint16, 65535 being 1.
 """
 
 import dataclasses
+import functools
 import json
 import math
 from collections.abc import Sequence
@@ -286,7 +287,7 @@ def find_gains(
     where neither is there.
 
     Raises:
-        UserError: as ``load_gains``; a photo that has points cannot be read.
+        UserError: as ``load_gains``.
     """
     data_dir = Path(config.data_dir)
     gains = np.ones((len(files.names), 3), np.float32)
@@ -296,16 +297,43 @@ def find_gains(
         paths = [files.image_paths[view] for view in np.flatnonzero(has_photo)]
         gains[has_photo] = load_gains(data_dir, paths)
         return gains, GAINS_FILE
-    sighted = exposures.find_sighted(data_dir, files.names)
-    sighted = {view: seen for view, seen in sighted.items() if has_photo[view]}
-    if not sighted:
+    photos = tuple(
+        (view, path, path.stat().st_mtime_ns)
+        for view, path in enumerate(files.image_paths)
+        if has_photo[view]
+    )
+    found = _measured_gains(data_dir, files.names, photos)
+    if found is None:
         return gains, ""
+    return found.astype(np.float32), "measured at points that photos share"
+
+
+@functools.lru_cache(maxsize=1)  # scripts load both splits of a scene
+def _measured_gains(
+    data_dir: Path, names: tuple[str, ...], photos: tuple[tuple[int, Path, int], ...]
+) -> Float[np.ndarray, "n 3"] | None:
+    """Gains of the views of these names, by points that a COLMAP model says they share.
+
+    Args:
+        photos: view, file and time of change of each photo.
+    """
+    try:
+        sighted = exposures.find_sighted(data_dir, names)
+    except UserError as error:  # a model beside other poses
+        say_once(f"WARNING: {error}; photos are taken as equally exposed")
+        return None
+    paths = {view: path for view, path, _ in photos if view in sighted}
+    if not paths:
+        return None
 
     def read(view: int) -> Float[np.ndarray, "_height _width 3"]:
-        return image_io.read_srgb(files.image_paths[view], upright=False)
+        try:
+            return image_io.read_srgb(paths[view], upright=False)
+        except UserError:  # said where the photo is used
+            return np.zeros((1, 1, 3), np.float32)
 
-    found = exposures.measure(sighted, read, len(gains))
-    return found.gains.astype(np.float32), "measured at points that photos share"
+    seen = {view: sighted[view] for view in paths}
+    return exposures.measure(seen, read, len(names)).gains
 
 
 def load_gains(data_dir: Path, image_paths: Sequence[Path]) -> Float[np.ndarray, "n 3"]:
