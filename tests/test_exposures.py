@@ -7,8 +7,9 @@ import pytest
 
 from internal.color import srgb_to_linear
 from internal.files import image_io
+from internal.scene.colmap import project
 from internal.scene.config import SceneConfig
-from internal.scene.exposures import Sighted, measure
+from internal.scene.exposures import Sighted, find_sighted, measure
 from internal.scene.scene import Scene, load_scene
 from tests.scene_writers import (
     facing_world,
@@ -46,6 +47,16 @@ def test_photos_of_one_scene_are_brought_to_one_exposure(tmp_path, binary, capsy
     np.testing.assert_allclose(scene.gains.T, [expected_gains()] * 3, rtol=2e-3)
     assert "exposures: differ, -0.89 to +1.36" in capsys.readouterr().out
     np.testing.assert_array_equal(load(tmp_path, photo_gains=False).gains, 1.0)
+
+
+def test_points_are_where_the_model_saw_them(tmp_path):
+    write_colmap(tmp_path, WORLD, tracked=True)
+    pose = WORLD.camtoworlds[3]
+    pixels = project(WORLD.lens, (WORLD.points - pose[:, 3]) @ pose[:, :3])
+    size = (WORLD.lens.width, WORLD.lens.height)
+    inside = ((pixels >= 0.0) & (pixels < size)).all(axis=-1)
+    (seen,) = find_sighted(tmp_path, [WORLD.names[3]]).values()
+    np.testing.assert_allclose(seen.places * size, pixels[inside], atol=1e-6)
 
 
 def test_a_model_beside_other_poses_tells_exposures_too(tmp_path):

@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 from internal import extras
 from internal.color import expose, linear_to_srgb, quantize, srgb_to_linear
+from internal.enhancements.look import NEUTRAL
+from internal.enhancements.tone import CONTRAST, SHOULDER, Curve, tone_map
 from internal.scene.masks import ALL
 from internal.scoring import baselines, color_error, evaluation, lpips, metrics
 from internal.structs import Rendering
@@ -47,6 +49,15 @@ def test_a_dark_view_is_scored_under_its_photos_gain():
     alone = evaluation.score_view(rendering, {"x": photo}, None, photo, ALL)
     assert alone.keys() == {"x"} and alone["x"]["psnr"] == 100.0
     assert wrong < 40.0 < 90.0 < right
+
+
+def test_the_lit_view_of_a_photo_is_that_of_what_the_photo_shows():
+    rgb = jnp.asarray(_picture(0)) * 0.3
+    gain = np.array([2.0, 1.5, 0.7], np.float32)
+    curve = Curve(3.0, jnp.ones(()), CONTRAST, SHOULDER)
+    lit = tone_map(rgb, curve, evaluation.light_of_photo(gain))
+    photo = expose(rgb, jnp.broadcast_to(gain, rgb.shape))
+    np.testing.assert_allclose(lit, tone_map(photo, curve, NEUTRAL), atol=1e-5)
 
 
 def test_psnr_by_hand():
