@@ -26,7 +26,7 @@ from internal.prepare.report import Report, write_report
 from internal.prepare.scene_files import HOLDOUT
 from internal.prepare.summary import Findings, summarize, train_command
 from internal.scene import colmap, exposures, readers
-from internal.scene.exposures import Exposures
+from internal.scene.exposures import Sighted
 from internal.scene.loading import (
     check_lenses,
     check_poses,
@@ -90,7 +90,11 @@ def check_scene(data_dir: Path, folder: Path) -> Report:
             for view in misplaced(files.camtoworlds, small, pixels, USELESS_ERROR)
         ),
         sharpness=dict(zip(files.names, relative.tolist(), strict=True)),
-        exposures=_exposures(files, copies, pixels),
+        exposures=exposures.measure(
+            _sighted(copies, pixels),
+            lambda view: image_io.read_srgb(files.image_paths[view], files.upright),
+            count,
+        ),
         truth=truth.reason,
         next_command=train_command(data_dir, lenses[0].width),
     )
@@ -213,22 +217,23 @@ def _match_neighbours(files: SceneFiles, copies: list[Copy], work: Path) -> Pixe
     return matching.matched_pixels(database)
 
 
-def _exposures(files: SceneFiles, copies: list[Copy], pixels: PixelPairs) -> Exposures:
-    """Gains from matches: each is a point that two views see."""
-    starts = np.cumsum([0, *(len(ends) for ends in pixels.values())])
-    views = np.repeat([*pixels], np.diff(starts), axis=0).reshape(-1, 2)
-    ends = np.concatenate([np.empty((0, 2, 2)), *pixels.values()])
-    log_light = np.full((len(ends), 2, 3), np.nan)
-    for view, (path, copy) in enumerate(zip(files.image_paths, copies, strict=True)):
-        srgb = image_io.read_srgb(path, files.upright)
-        scale = np.array(srgb.shape[1::-1]) / [copy.width, copy.height]
-        rows = views == view
-        log_light[rows] = exposures.sample_light(srgb, ends[rows] * scale)
-    points = np.repeat(np.arange(len(ends)), 2)
-    flat = log_light.reshape(-1, 3)
-    return exposures.estimate(
-        views.reshape(-1).astype(np.int64), points, flat, len(copies)
-    )
+def _sighted(copies: list[Copy], pixels: PixelPairs) -> dict[int, Sighted]:
+    """Each match as a point that two views see."""
+    seen: dict[int, list[Sighted]] = {}
+    first = 0
+    for pair, ends in pixels.items():
+        points = np.arange(first, first + len(ends))
+        first += len(ends)
+        for side, view in enumerate(pair):
+            size = copies[view].width, copies[view].height
+            seen.setdefault(view, []).append(Sighted(points, ends[:, side] / size))
+    return {
+        view: Sighted(
+            np.concatenate([part.points for part in parts]),
+            np.concatenate([part.places for part in parts]),
+        )
+        for view, parts in seen.items()
+    }
 
 
 def _copy(lens: Lens) -> Copy:

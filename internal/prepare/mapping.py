@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pycolmap
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from tqdm import tqdm
 
 from internal import progress
@@ -21,21 +21,13 @@ from internal.poses import Similarity
 from internal.prepare.matching import MAX_FEATURES, SEED, copy_name, view_of
 from internal.prepare.room import room
 from internal.scene import colmap
+from internal.scene.exposures import Sighted
 
 FEWEST_IMAGES = 3
 # Photos taken by hand from one side turn less about the scene than COLMAP's 16.
 INITIAL_ANGLE = 4.0  # degrees
 ADJUSTMENTS = 50  # steps of the solver, at most
 BYTES_PER_FEATURE = 60  # in a model: as a feature and, if it is one, as a sighting
-
-
-@dataclasses.dataclass(frozen=True)
-class Observations:
-    """Where views see sparse points: one row per sighting."""
-
-    views: Int[np.ndarray, " k"]
-    points: Int[np.ndarray, " k"]  # from 0
-    pixels: Float[np.ndarray, "k 2"]  # of the view's copy
 
 
 @dataclasses.dataclass(frozen=True)
@@ -170,19 +162,20 @@ def without(model: Mapped, views: Collection[int]) -> Mapped:
     return Mapped(rest, tuple(view for view in model.views if view not in views))
 
 
-def observations(model: Mapped) -> Observations:
-    """All sightings of the model's points."""
-    reconstruction = model.native
-    rows = [
-        (view_of(image.name), number, *image.points2D[element.point2D_idx].xy)
-        for number, point_id in enumerate(sorted(reconstruction.point3D_ids()))
-        for element in reconstruction.point3D(point_id).track.elements
-        for image in [reconstruction.image(element.image_id)]
-    ]
-    table = np.array(rows, np.float64).reshape(-1, 4)
-    return Observations(
-        table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:]
-    )
+def sighted(model: Mapped) -> dict[int, Sighted]:
+    """What placed views see of the sparse points, by place among ``model.views``."""
+    place = {view: index for index, view in enumerate(model.views)}
+    found = {}
+    for number in model.native.reg_image_ids():
+        image = model.native.image(number)
+        camera = model.native.camera(image.camera_id)
+        seen = image.get_observation_points2D()
+        pixels = np.array([point.xy for point in seen]).reshape(-1, 2)
+        found[place[view_of(image.name)]] = Sighted(
+            np.array([point.point3D_id for point in seen], np.int64),
+            pixels / (camera.width, camera.height),
+        )
+    return found
 
 
 def write_model(
@@ -229,7 +222,7 @@ def camera_poses(model: Mapped) -> Float[np.ndarray, "n 3 4"]:
 
 
 def point_positions(model: Mapped) -> Float[np.ndarray, "m 3"]:
-    """Positions of the sparse points, in the order of ``Observations.points``."""
+    """Positions of the sparse points."""
     ids = sorted(model.native.point3D_ids())
     return np.array([model.native.point3D(i).xyz for i in ids]).reshape(-1, 3)
 

@@ -45,7 +45,6 @@ from internal.prepare.summary import (
 )
 from internal.prepare.video_frames import extract_frames
 from internal.scene import colmap, exposures, readers
-from internal.scene.exposures import Exposures
 from internal.scene.loading import GAINS_FILE
 from internal.scene.masks import is_of_shape
 from internal.scene.pairing import pair_by_name
@@ -107,7 +106,11 @@ def _prepare(inputs: Inputs, scene: Path) -> Report:
     model = mapping.without(best.models[0], left_out)
     best = dataclasses.replace(best, models=(model,))
     _copy_photos(scene, photos, truth[0] if truth else None, model.views)
-    gains = _estimate_exposures(photos, placed.copies, best)
+    gains = exposures.measure(
+        mapping.sighted(model),
+        lambda place: read_photo(photos[model.views[place]].path),
+        len(model.views),
+    )
     names = [photos[view].scene_name for view in model.views]
     exposures.write(gains, names, scene / GAINS_FILE)
     _write_cameras(scene, photos, best)
@@ -307,25 +310,6 @@ def _sharpness(
         return np.asarray(ndimage.zoom(copy[..., 0], size, order=1))
 
     return sharpness.against_overlapping(read_copy, len(photos), pixels)
-
-
-def _estimate_exposures(
-    photos: Sequence[Photo], copies: Sequence[Copy], best: Attempt
-) -> Exposures:
-    """Gains of the placed views, in their order; shows progress."""
-    model = best.models[0]
-    seen = mapping.observations(model)
-    log_light = np.full((len(seen.views), 3), np.nan)
-    places = progress.track(model.views, len(model.views), "comparing light", "photo")
-    for view in places:
-        rows = seen.views == view
-        photo, copy = photos[view], copies[view]
-        scale = np.array([photo.width / copy.width, photo.height / copy.height])
-        srgb = read_photo(photo.path)
-        log_light[rows] = exposures.sample_light(srgb, seen.pixels[rows] * scale)
-    place = {view: index for index, view in enumerate(model.views)}
-    views = np.array([place[view] for view in seen.views.tolist()], np.int64)
-    return exposures.estimate(views, seen.points, log_light, len(model.views))
 
 
 def _write_cameras(scene: Path, photos: Sequence[Photo], best: Attempt) -> None:

@@ -54,12 +54,12 @@ class Sighted:
     """The points that one view sees."""
 
     points: Int[np.ndarray, " k"]  # numbers
-    places: Float[np.ndarray, "k 2"]  # (x, y) in shares of width and height, as stored
+    places: Float[np.ndarray, "k 2"]  # (x, y) in shares of width and height
 
 
 def find_sighted(data_dir: Path, names: Sequence[str]) -> dict[int, Sighted]:
     """What views of these names see of points, by view, as the scene's COLMAP model
-    says; nothing without one.
+    says; nothing without one. Places are those of stored pixels.
 
     Raises:
         UserError: the model is broken.
@@ -89,8 +89,10 @@ def measure(
     not agree with each other. Shows progress.
 
     Args:
-        read: the stored pixels of a view, sRGB.
+        read: the picture of a view, sRGB, in which its places are.
     """
+    if not sighted:
+        return Exposures(np.ones((count, 3)), np.zeros(count))
     lights = []
     for view in progress.track(sighted, len(sighted), "comparing light", "photo"):
         srgb = read(view)
