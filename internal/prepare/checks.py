@@ -146,6 +146,7 @@ def _light_advice(photos: Sequence[PhotoStatistics], stops: float) -> list[str]:
         f"Noise is {100.0 * noise / max(mean, 1e-6):.0f} % of the brightness: more "
         "photos of each part average it out.": noise > NOISY * mean,
         f"Exposures differ by up to {stops:.1f} stops: lock exposure and white "
-        "balance next time. exposures.json has the estimated gains.": stops > 0.0,
+        "balance next time. Training evens them out by exposures.json or by points "
+        "of a COLMAP model.": stops > 0.0,
     }
     return [text for text, holds in tests.items() if holds]
