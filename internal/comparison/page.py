@@ -37,7 +37,7 @@ def write_page(out: Path, results: Results, figures: Sequence[Path]) -> Path:
                 for part in _trainings(out, scene, rows)
             ),
             report.this_command(),
-            pages.preformatted("Scenes and bindings", "Of all trainings.", settings),
+            pages.Verbatim("Scenes and bindings", "Of all trainings.", settings),
         ],
     )
 
@@ -66,9 +66,7 @@ def slider_media(
     return {output: listed for output, listed in media.items() if listed}
 
 
-def _trainings(
-    out: Path, scene: str, rows: Mapping[str, Result]
-) -> list[pages.Markup | pages.Section]:
+def _trainings(out: Path, scene: str, rows: Mapping[str, Result]) -> list[pages.Part]:
     """Curves of a scene's models, and links to their own pages."""
     models = {name: out / row.folder for name, row in rows.items() if row.trained}
     if not models:
