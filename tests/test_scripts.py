@@ -22,6 +22,7 @@ import train as train_script
 from internal import parallel
 from internal.cli import load_split
 from internal.comparison import scored_run
+from internal.comparison.variants import parse_variant
 from internal.configs import load_config
 from internal.errors import Diverged, UserError
 from internal.files import image_io
@@ -337,4 +338,4 @@ def test_a_sweep_refuses_before_the_first_training(
 @pytest.mark.parametrize("text", ["gray 0.2", "a/b: Gamma.gray = 0.2", ": x = 1"])
 def test_a_variant_that_is_neither_file_nor_bindings_is_refused(text):
     with pytest.raises(UserError, match="variant"):
-        sweep_script.parse_variant(text)
+        parse_variant(text)
