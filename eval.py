@@ -24,7 +24,7 @@ from internal import cli, parallel, progress
 from internal.configs import ModelConfig
 from internal.files import atomic, image_io
 from internal.files.listing import flat_pngs
-from internal.pages import pages, report, scores, tables
+from internal.pages import pages, parts, scores, tables
 from internal.rendering import evidence
 from internal.rendering.pictures import Picture, display_for, pictures
 from internal.rendering.renderer import Renderer
@@ -82,7 +82,7 @@ def main(argv: Sequence[str]) -> int:
     atomic.write_text(folder / "metrics.json", json.dumps(scored, indent=2) + "\n")
     table = scores.score_table(mean, scores.heading(len(files), len(scene.truth)))
     write_page(folder, scene, step, table, written, config.model)
-    print(f"{tables.as_text(table)}\n{folder / 'index.html'}")
+    print(f"{tables.as_markdown(table)}\n{folder / 'index.html'}")
     return 0
 
 
@@ -112,24 +112,24 @@ def write_page(
     model: ModelConfig,
 ) -> None:
     """Writes index.html: the outputs side by side, the scores, each output."""
-    explained = report.explained_pictures(model)
+    explained = parts.explained_pictures(model)
     exposed = "" if np.all(scene.gains == 1.0) else ", each in its photo's exposure"
     pages.write_index(
         folder,
         f"{scene.name}: test views at step {step}",
         f"Views that training never saw, rendered by the trained model{exposed}."
-        + report.about_masks(scene.masked, len(scene.view_names)),
+        + parts.about_masks(scene.masked, len(scene.view_names)),
         [
-            report.compare_outputs(
+            parts.compare_outputs(
                 written, "enhanced" if "enhanced" in written else "dark"
             ),
             table,
-            report.evidence_legend(),
+            parts.evidence_legend(),
             *(
                 pages.Section(output, explained[output], tuple(media))
                 for output, media in written.items()
             ),
-            *report.training_parts(folder.parent),
+            *parts.training_parts(folder.parent),
         ],
     )
 

@@ -27,7 +27,7 @@ from internal.configs import load_config
 from internal.errors import Diverged, UserError
 from internal.files import image_io
 from internal.launching.run import RECORD
-from internal.pages import report
+from internal.pages import parts
 from internal.scoring import metrics
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
@@ -308,11 +308,11 @@ def test_curves_of_several_runs_share_a_chart_and_leave_out_what_never_changes(
 ):
     (tmp_path / run_folder.LOG).write_text("")
     runs = {"one": run, "two": run, "none yet": tmp_path}
-    (part,) = report.training_curves("Training", runs)
+    (part,) = parts.training_curves("Training", runs)
     assert part.html.count("loss/data") == 1
     assert "seconds" not in part.html
     assert "one" in part.html and "two" in part.html and "none yet" not in part.html
-    assert report.training_curves("Training", {"none yet": tmp_path}) == []
+    assert parts.training_curves("Training", {"none yet": tmp_path}) == []
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from internal.files import atomic, image_io
 from internal.files.listing import flat_pngs
-from internal.pages import contact_sheet, pages, report, tables
+from internal.pages import contact_sheet, pages, parts, tables
 from internal.pages.pages import Table
 from internal.scoring import evaluation
 
@@ -42,7 +42,7 @@ def write_results(folder: Path, names: list[str]) -> None:
         )
         for name, row in scores.items()
     )
-    table = tables.as_text(Table("", "", headers, rows))
+    table = tables.as_markdown(Table("", "", headers, rows))
     atomic.write_text(folder / "table.md", table + "\n")
     tables.write_csv(folder / "table.csv", [headers, *rows])
 
@@ -63,24 +63,22 @@ def _write_page(folder: Path, names: list[str], scores: Table) -> Path:
     """Writes index.html: scores, any two pictures of a view, how variants trained."""
     evaluated = {name: folder / name / "eval" for name in names}
     media = {
-        picture: report.pictures_in(folder, evaluated[names[0]] / picture)
+        picture: parts.pictures_in(folder, evaluated[names[0]] / picture)
         for picture in ("input", "truth")
     }
     for name, pictures in evaluated.items():
-        for part in ("enhanced", *report.parts_in(pictures)):
-            media[f"{name}: {part}"] = report.pictures_in(folder, pictures / part)
+        for part in ("enhanced", *parts.parts_in(pictures)):
+            media[f"{name}: {part}"] = parts.pictures_in(folder, pictures / part)
     return pages.write_index(
         folder,
         "Comparison of variants",
         "One scene, one change of the configuration per variant.",
         [
             scores,
-            report.compare_outputs(media, f"{names[0]}: enhanced"),
+            parts.compare_outputs(media, f"{names[0]}: enhanced"),
             pages.Section("First test view", "", (("sheet.png", "all variants"),)),
-            *report.training_curves(
-                "Training", {name: folder / name for name in names}
-            ),
-            report.links_to_models("Models", folder, evaluated),
-            report.this_command(),
+            *parts.training_curves("Training", {name: folder / name for name in names}),
+            parts.links_to_models("Models", folder, evaluated),
+            parts.this_command(),
         ],
     )

@@ -58,7 +58,7 @@ def check_scene(data_dir: Path, folder: Path) -> Report:
     truth = find_truth(files, data_dir, "", held_out(files, HOLDOUT))
     count = len(files.names)
     photos = [
-        statistics.measure(image_io.read_srgb(path, files.upright))
+        statistics.measure_photo(image_io.read_srgb(path, files.upright))
         for path in progress.track(files.image_paths, count, "reading photos", "photo")
     ]
     copies = [_copy(lens) for lens in lenses]
@@ -76,7 +76,7 @@ def check_scene(data_dir: Path, folder: Path) -> Report:
         error_kind="median epipolar error",
         misplaced=tuple(files.names[view] for view in wrong),
         sharpness=dict(zip(files.names, relative.tolist(), strict=True)),
-        exposures=exposures.measure(
+        exposures=exposures.measure_gains(
             _sighted(copies, pixels),
             lambda view: image_io.read_srgb(files.image_paths[view], files.upright),
             count,
