@@ -19,7 +19,7 @@ if __name__ == "__main__":  # before the imports below, which take seconds
 
 from collections.abc import Sequence
 
-from internal.comparison import figures, jobs, page, tables
+from internal.comparison import figures, jobs, result_page, score_tables
 from internal.comparison.methods import methods_for, read_methods
 from internal.launching import launch
 
@@ -42,12 +42,12 @@ def main(argv: Sequence[str]) -> int:
     for index, job in enumerate(photos):
         print(f"== {index + 1} of {len(photos)}: {job}", flush=True)
         jobs.score_photos(args.out, job, args.gin_bindings)
-        tables.write_tables(args.out, jobs.read_results(args.out, chosen))
+        score_tables.write_tables(args.out, jobs.read_results(args.out, chosen))
     runs = [
         jobs.training(args.out, job, args.gin_bindings) for job in todo if job.train
     ]
     for _ in launch.carry_out(runs, place):
-        tables.write_tables(args.out, jobs.read_results(args.out, chosen))
+        score_tables.write_tables(args.out, jobs.read_results(args.out, chosen))
 
     results = jobs.read_results(args.out, chosen)
     drawn = [
@@ -57,8 +57,8 @@ def main(argv: Sequence[str]) -> int:
             args.out, scene, results[jobs.scene_name(scene)]
         )
     ]
-    print(tables.write_tables(args.out, results))
-    print(page.write_page(args.out, results, drawn))
+    print(score_tables.write_tables(args.out, results))
+    print(result_page.write_page(args.out, results, drawn))
     return launch.report_failures(runs)
 
 

@@ -32,7 +32,7 @@ def main(argv: Sequence[str]) -> int:
         ("render.py", OF_RUN),
     ]
     for command in commands:
-        print(f"\n$ {script.command(*command)}", flush=True)
+        print(f"\n$ {script.command_line(*command)}", flush=True)
         code = subprocess.run([sys.executable, *command]).returncode
         if code:
             return code

@@ -21,17 +21,16 @@ import jax
 import numpy as np
 
 from internal import cli, parallel, progress
-from internal.color import from_uint16
+from internal.configs import ModelConfig
 from internal.files import atomic, image_io
 from internal.files.listing import flat_pngs
-from internal.pages import pages, report, scores, tables
+from internal.pages import pages, parts, scores, tables
 from internal.rendering import evidence
 from internal.rendering.pictures import Picture, display_for, pictures
 from internal.rendering.renderer import Renderer
 from internal.scene.masks import hatched
 from internal.scene.scene import Scene
 from internal.scoring import evaluation
-from internal.structs import LitRendering, Rendering
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
 
@@ -55,17 +54,18 @@ def main(argv: Sequence[str]) -> int:
     display = None
     views: dict[str, evaluation.Scores] = {}
     written: dict[str, list[tuple[str, str]]] = {}  # per output: file, view
-    for index, name in enumerate(
-        progress.track(scene.view_names, len(files), "evaluating", "view")
-    ):
+    track = progress.track(scene.view_names, len(files), "evaluating", "view")
+    for index, name in enumerate(track):
         gain = scene.gains[index]
         light = evaluation.light_of_photo(gain)
         rendering = renderer.view(state.params, index, light)
         rendering = evaluation.as_photographed(rendering, gain)
         display = display or display_for(config.model, rendering)
-        baselines = evaluation.brightened(np.asarray(rendering.rgb), scene.mask(index))
-        if scene.mask(index).any():
-            views[name] = score(scene, index, rendering, baselines)
+        mask = scene.mask(index)
+        baselines = evaluation.brightened(np.asarray(rendering.rgb), mask)
+        if mask.any():
+            photos = scene.photo(index), scene.true_photo(index)
+            views[name] = evaluation.score_view(rendering, baselines, *photos, mask)
         camtoworld = np.asarray(scene.cameras.camtoworlds[index], np.float64)
         found = witnesses.testify(scene.lenses[index], camtoworld, rendering)
         shown = {
@@ -74,46 +74,33 @@ def main(argv: Sequence[str]) -> int:
             **{n: x for n, x in baselines.items() if n != "unchanged"},  # it is "dark"
             **shown_photos(scene, index),
         }
-        for output, picture in shown.items():
-            path = Path(output) / files[index]
-            atomic.ensure_folder(folder / output)
-            image_io.write(folder / path, picture)
-            written.setdefault(output, []).append((path.as_posix(), name))
+        for output, path in write_pictures(folder, files[index], shown).items():
+            written.setdefault(output, []).append((path, name))
 
     mean, step = evaluation.mean_scores(views), int(state.step)
     scored = {"step": step, "masked": scene.masked, "views": views, "mean": mean}
     atomic.write_text(folder / "metrics.json", json.dumps(scored, indent=2) + "\n")
     table = scores.score_table(mean, scores.heading(len(files), len(scene.truth)))
-    explained = report.explained_pictures(config.model)
-    write_page(folder, scene, step, table, written, explained)
-    print(f"{tables.as_text(table)}\n{folder / 'index.html'}")
+    write_page(folder, scene, step, table, written, config.model)
+    print(f"{tables.as_markdown(table)}\n{folder / 'index.html'}")
     return 0
-
-
-def score(
-    scene: Scene,
-    view: int,
-    rendering: Rendering | LitRendering,
-    baselines: evaluation.Pictures,
-) -> evaluation.Scores:
-    """Scores of a rendered view of which some pixel counts."""
-    dark, truth = photos_of(scene, view)
-    mask = scene.mask(view)
-    return evaluation.score_view(rendering, baselines, dark, truth, mask)
 
 
 def shown_photos(scene: Scene, view: int) -> dict[str, Picture]:
     """The dark photo of a view and its truth as the page shows them, if there."""
-    photos = zip(("input", "truth"), photos_of(scene, view), strict=True)
+    photos = {"input": scene.photo(view), "truth": scene.true_photo(view)}
     mask = scene.mask(view)
-    return {name: hatched(photo, mask) for name, photo in photos if photo is not None}
+    return {name: hatched(x, mask) for name, x in photos.items() if x is not None}
 
 
-def photos_of(scene: Scene, view: int) -> tuple[Picture | None, Picture | None]:
-    """The dark photo of a view and its truth, sRGB, as far as there are any."""
-    dark = from_uint16(scene.images[view]) if scene.images else None
-    truth = from_uint16(scene.truth[view]) if view in scene.truth else None
-    return dark, truth
+def write_pictures(
+    folder: Path, file: str, shown: Mapping[str, Picture]
+) -> dict[str, str]:
+    """Writes a view's pictures; each one's path below ``folder``, by output."""
+    for output, picture in shown.items():
+        atomic.ensure_folder(folder / output)
+        image_io.write(folder / output / file, picture)
+    return {output: f"{output}/{file}" for output in shown}
 
 
 def write_page(
@@ -122,26 +109,27 @@ def write_page(
     step: int,
     table: pages.Table,
     written: Mapping[str, Sequence[tuple[str, str]]],
-    explained: Mapping[str, str],
+    model: ModelConfig,
 ) -> None:
     """Writes index.html: the outputs side by side, the scores, each output."""
+    explained = parts.explained_pictures(model)
     exposed = "" if np.all(scene.gains == 1.0) else ", each in its photo's exposure"
     pages.write_index(
         folder,
         f"{scene.name}: test views at step {step}",
         f"Views that training never saw, rendered by the trained model{exposed}."
-        + report.about_masks(scene.masked, len(scene.view_names)),
+        + parts.about_masks(scene.masked, len(scene.view_names)),
         [
-            report.compare_outputs(
+            parts.compare_outputs(
                 written, "enhanced" if "enhanced" in written else "dark"
             ),
             table,
-            report.evidence_legend(),
+            parts.evidence_legend(),
             *(
                 pages.Section(output, explained[output], tuple(media))
                 for output, media in written.items()
             ),
-            *report.training_parts(folder.parent),
+            *parts.training_parts(folder.parent),
         ],
     )
 

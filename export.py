@@ -74,14 +74,14 @@ def main(argv: Sequence[str]) -> int:
         **dataclasses.asdict(wanted),
     }
     facts = made_folder.make_folder(folder, settings, fill, overwrite=args.overwrite)
-    for file, content in export_folder.describe(facts):
+    for file, content in export_folder.list_exported(facts):
         print(f"{folder / file}: {content}")
     return 0
 
 
 def write_page(folder: Path, name: str, step: int, facts: made_folder.Facts) -> None:
     """Writes index.html: what each file holds."""
-    rows = tuple(export_folder.describe(facts))
+    rows = tuple(export_folder.list_exported(facts))
     pages.write_index(
         folder,
         f"{name}: exported at step {step}",

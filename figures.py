@@ -16,7 +16,7 @@ if __name__ == "__main__":  # before the imports below, which take seconds
 
 from collections.abc import Sequence
 
-from internal.comparison import figures, jobs, tables
+from internal.comparison import figures, jobs, score_tables
 from internal.errors import UserError
 from internal.pages.figure import FRAME_COLORS, Crop
 
@@ -25,7 +25,7 @@ def main(argv: Sequence[str]) -> int:
     """Writes the figures of one scene, or of all."""
     args = flags.figures(__doc__).parse_args(argv)
     scenes = jobs.scenes_of(args.out)
-    results = tables.read_tables(args.out)
+    results = score_tables.read_tables(args.out)
     if len(args.crop) > len(FRAME_COLORS):
         raise UserError(
             f"--crop: {len(args.crop)} of them; at most {len(FRAME_COLORS)}"

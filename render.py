@@ -29,7 +29,7 @@ import numpy as np
 from internal import cli, color, extras, parallel, progress
 from internal.cameras import Cameras
 from internal.files import atomic, image_io, video
-from internal.pages import pages, report
+from internal.pages import pages, parts
 from internal.rendering.film import Film
 from internal.rendering.renderer import Renderer
 from internal.rendering.trajectory import path_cameras
@@ -90,7 +90,7 @@ def write_page(folder: Path, film: Film, step: int) -> Path:
         f"Light: {used}. The frames of each video are in the folder of its name.",
         [
             pages.Section("Videos", "The result first.", media),
-            report.evidence_legend(),
+            parts.evidence_legend(),
         ],
     )
 

@@ -55,7 +55,7 @@ def _chart(args: argparse.Namespace) -> int:
         )
     answers = read_answers(args.answers)
     results = preferences(answers)
-    svg = charts.preferences(answers[0].a, results)
+    svg = charts.preference_chart(answers[0].a, results)
     table = _table(results)
     atomic.ensure_folder(args.out)
     names = [field.name for field in dataclasses.fields(Preference)]
@@ -67,7 +67,7 @@ def _chart(args: argparse.Namespace) -> int:
         "Which of two pictures of the same view is better (LLNeRF Fig. 9).",
         [pages.Markup("Preferences", "", svg), table],
     )
-    print(f"{tables.as_text(table)}\n{page}")
+    print(f"{tables.as_markdown(table)}\n{page}")
     return 0
 
 

@@ -33,7 +33,7 @@ from internal.training.step import (
     check_finite,
     compiled_step,
     initial_state,
-    summarize,
+    log_numbers,
 )
 
 
@@ -52,8 +52,8 @@ def train(config: Config, scene: Scene, folder: Path) -> int:
     model = Model(config.model)
     own, log = run_folder.own_config(folder), run_folder.read_log(folder)
     chances = find_chances(scene, config)
-    config = budget.fit(
-        config, own, log, lambda: budget.measure(config, scene, model, mesh, chances)
+    config = budget.fit_schedule(
+        config, own, log, lambda: budget.time_steps(config, scene, model, mesh, chances)
     )
     train = config.train
 
@@ -90,7 +90,7 @@ def train(config: Config, scene: Scene, folder: Path) -> int:
             )
             if last or step % train.log_every == 0:
                 check_finite(stats, step)
-                numbers = summarize(stats)
+                numbers = log_numbers(stats)
                 bar.set_postfix_str(bar_line(numbers, bar, rays))
                 log.scalars(step, numbers)
             if last or step % train.preview_every == 0:
@@ -101,7 +101,7 @@ def train(config: Config, scene: Scene, folder: Path) -> int:
                 break
     print(f"step {int(state.step)} is saved in {checkpoints.folder}")
     if int(state.step) >= train.max_steps:
-        print(f"next: {script.command('eval.py', '--run', folder)}")
+        print(f"next: {script.command_line('eval.py', '--run', folder)}")
     return interruption.exit_code
 
 

@@ -22,7 +22,7 @@ from internal.prepare import attempts, mapping
 from internal.prepare.brighten import copy_size
 from internal.prepare.matching import Copy
 from internal.scene import readers
-from internal.scene.pose_comparison import compare
+from internal.scene.pose_comparison import compare_poses
 from internal.scene.readers.base import SceneFiles
 
 HEADERS = ("frames", "copies", "placed", "rotation, degrees", "centre, %")
@@ -62,7 +62,7 @@ def find_cameras(
         return (*label, "", "")
     found = best.models[0]
     reference = files.camtoworlds[list(found.views)]
-    difference = compare(mapping.camera_poses(found), reference)
+    difference = compare_poses(mapping.camera_poses(found), reference)
     turned, moved = np.median(difference.rotations), np.median(difference.centres)
     return (*label, f"{turned:.2f}", f"{100.0 * moved:.2f}")
 

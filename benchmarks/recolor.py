@@ -24,7 +24,7 @@ from internal.enhancements.look import Look
 from internal.export.splats import Splats
 from internal.models import Model
 from internal.training.step import initial_state
-from internal.viewer.splats import Baked, recolorer
+from internal.viewer.lit_splats import Baked, recolorer
 
 CONFIGS = "configs/llnerf_best.gin", "configs/llnerf_fast.gin"
 LOOKS = 9

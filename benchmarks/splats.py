@@ -61,7 +61,7 @@ def main() -> None:
         splats = baked["enhanced"]
         scores = [
             [
-                psnr(rasterizer.render(splats, t.camera)[0].clip(0.0, 1.0), t.srgb)
+                psnr(rasterizer.rasterize(splats, t.camera)[0].clip(0.0, 1.0), t.srgb)
                 for t in targets_of(scene, views, "enhanced")
             ]
             for views in (sightings, unseen)

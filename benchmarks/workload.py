@@ -104,7 +104,7 @@ def peak_memory() -> float:
 def markdown(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """A Markdown table."""
     texts = tuple(tuple(map(str, row)) for row in rows)
-    return tables.as_text(Table("", "", tuple(headers), texts))
+    return tables.as_markdown(Table("", "", tuple(headers), texts))
 
 
 def score_cells(mean: Mapping[str, Mapping[str, float]]) -> list[str]:

@@ -302,7 +302,7 @@ def check_named(args: argparse.Namespace) -> None:
     bindings = getattr(args, "gin_bindings", ())
     scene = _bound_text("Config.data_dir", bindings)
     if scene:
-        check_scene(Path(scene))
+        check_folder(Path(scene))
     run = _bound_text("Config.checkpoint_dir", bindings)
     if run and getattr(args, "trained", False) and not os.path.isdir(run):
         raise no_checkpoint(run)
@@ -314,7 +314,7 @@ def check_gin_file(file: str) -> None:
         raise UserError(f"{file}: no such gin file; see configs/")
 
 
-def check_scene(folder: Path) -> None:
+def check_folder(folder: Path) -> None:
     """Raises a UserError for a scene that is not there."""
     if os.path.isfile(folder):
         raise UserError(

@@ -107,7 +107,7 @@ def is_out_of_memory(error: Exception) -> bool:
     return isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error)
 
 
-def command(*words: object) -> str:
+def command_line(*words: object) -> str:
     """A command line to copy into a shell, such as ``python eval.py --run 'a b'``."""
     return shlex.join(["python", *map(str, words)])
 

@@ -74,7 +74,7 @@ def test_a_name_that_no_disk_takes_is_one_line(monkeypatch, capsys):
         f"{long}/y: File name too long; give a shorter path" in capsys.readouterr().err
     )
     with pytest.raises(UserError, match="scene folder not found"):
-        flags_of.check_scene(Path(long))
+        flags_of.check_folder(Path(long))
 
 
 @pytest.mark.parametrize(
@@ -291,7 +291,7 @@ def test_an_export_of_no_points_is_refused(points):
 
 def test_a_printed_command_survives_the_shell(tmp_path):
     folder = tmp_path / 'ann\'s $HOME; [x] "y" *'
-    line = script.command("eval.py", "--run", folder)
+    line = script.command_line("eval.py", "--run", folder)
     shown = subprocess.run(
         ["sh", "-c", line.replace("python eval.py", "printf %s\\\\n", 1)],
         capture_output=True, text=True,

@@ -354,7 +354,7 @@ def test_a_path_is_previewed_saved_and_rendered(viewer, run):
     viewer.press("Save for render.py")
     file = viewer.folder / "path.json"
     until(file.is_file, "a saved path")
-    assert len(paths.from_json(file)) == 5
+    assert len(paths.read_poses(file)) == 5
     viewer.settle()
     viewer.open_tab("Light")
     viewer.choose("Beside it", "nothing")

@@ -39,7 +39,7 @@ def test_a_run_that_goes_on_keeps_its_schedule():
     config = load_config([], [*TINY_MODEL, "Config.max_minutes = 1.0"])
     fitted = budget.stretch(config, 60.0, TIMES)
     assert fitted.train.max_steps != config.train.max_steps
-    assert budget.fit(config, fitted, [], pytest.fail) == fitted
+    assert budget.fit_schedule(config, fitted, [], pytest.fail) == fitted
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ def begun():
 def test_a_run_with_more_minutes_goes_on_for_as_long(begun):
     config, fitted, log = begun
     longer = dataclasses.replace(config, max_minutes=20.0)
-    again = budget.fit(longer, fitted, log, pytest.fail)
+    again = budget.fit_schedule(longer, fitted, log, pytest.fail)
     assert again.train.max_steps == pytest.approx(0.97 * 1200.0 / 0.1, rel=0.02)
     assert again.train.enhance_start == fitted.train.enhance_start
 
@@ -62,7 +62,7 @@ def test_a_run_with_more_minutes_goes_on_for_as_long(begun):
 def test_a_run_without_its_minutes_goes_on_to_the_steps(begun, capsys):
     config, fitted, log = begun
     by_steps = dataclasses.replace(config, max_minutes=0.0)
-    again = budget.fit(by_steps, fitted, log, pytest.fail)
+    again = budget.fit_schedule(by_steps, fitted, log, pytest.fail)
     assert again.train.max_steps == config.train.max_steps == 10_000
     assert again.optimizer == fitted.optimizer
     assert "goes on to step 10000" in capsys.readouterr().out
@@ -70,5 +70,5 @@ def test_a_run_without_its_minutes_goes_on_to_the_steps(begun, capsys):
 
 def test_without_a_budget_nothing_changes():
     config = load_config([], TINY_MODEL)
-    assert budget.fit(config, None, [], pytest.fail) is config
-    assert budget.fit(config, config, [], pytest.fail) is config
+    assert budget.fit_schedule(config, None, [], pytest.fail) is config
+    assert budget.fit_schedule(config, config, [], pytest.fail) is config

@@ -242,7 +242,7 @@ def test_the_splats_lie_on_the_ball_in_the_users_frame(exported):
     apart = np.linalg.norm(lit.points[on_ball] - centre, axis=-1)
     # 400 splats are few: the cells that they stand for are deep.
     assert on_ball.sum() > 30 and np.median(np.abs(apart / radius - 1.0)) < 0.15
-    listed = dict(export_folder.describe(facts))
+    listed = dict(export_folder.list_exported(facts))
     assert {"splats.ply", "splats.glb", "splats_dark.ply"} <= listed.keys()
 
 

@@ -9,7 +9,7 @@ from internal.color import srgb_to_linear
 from internal.files import image_io
 from internal.scene.colmap import project
 from internal.scene.config import SceneConfig
-from internal.scene.exposures import Sighted, find_sighted, measure
+from internal.scene.exposures import Sighted, find_sighted, measure_gains
 from internal.scene.scene import Scene, load_scene
 from tests.scene_writers import (
     facing_world,
@@ -99,6 +99,6 @@ def test_tracks_that_are_none_change_nothing():
         view: Sighted(np.arange(200), rng.uniform(0.0, 1.0, (200, 2)))
         for view in range(3)
     }
-    found = measure(sighted, lambda view: pictures[view], 3)
+    found = measure_gains(sighted, lambda view: pictures[view], 3)
     assert np.abs(found.measured_stops).max() > 0.5
     np.testing.assert_array_equal(found.gains, 1.0)

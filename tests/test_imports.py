@@ -14,6 +14,7 @@ ALONE = {  # modules that are about a library, and import it alone
     "rawpy": "files/raw.py",
     "pillow_heif": "files/heif.py",
     "PIL": "files/heif.py",
+    "jinja2": "files/templates.py",
     "gin": "binding.py",
     "orbax": "training/checkpoints.py",
     "tensorboardX": "training/run_folder.py",

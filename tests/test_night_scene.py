@@ -35,7 +35,7 @@ from internal.scene.scene import load_scene
 SIZE: dict[str, Any] = {"width": 48, "height": 36}
 FOCAL = dataset.focal_length(SIZE["width"])
 # Compiled as a whole: op by op, every test would wait for dozens of compilations.
-around = jax.jit(raytrace.around)
+around = jax.jit(raytrace.directions_about)
 highlight = jax.jit(shading.highlight)
 lamp_light = jax.jit(shading.lamp_light)
 nearest_hit = jax.jit(raytrace.nearest_hit)

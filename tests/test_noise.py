@@ -10,7 +10,7 @@ import pytest
 
 from internal import color, losses
 from internal.files import image_io
-from internal.night.capture import CaptureModel, capture, encode, sense, view_key
+from internal.night.capture import CaptureModel, capture, sense, to_photo, view_key
 from internal.scene import noise
 from internal.scene.noise import NODES, Noise
 
@@ -73,7 +73,7 @@ def test_a_colour_feels_its_photo_even_in_the_dark():
 def test_the_learned_colour_is_the_scene_and_not_its_photos_mean():
     """A colour of a quarter of a level, learned from many photos by either term."""
     light = np.full((100, 100, 3), 0.25 * LEVEL, np.float32)
-    photos = jnp.asarray(encode(sense(light, CAMERA, view_key(CAMERA, 1)))) / 255.0
+    photos = jnp.asarray(to_photo(sense(light, CAMERA, view_key(CAMERA, 1)))) / 255.0
     truth = 0.25 / 255.0 * np.array(CAMERA.channel_gains)
 
     def learned(observe: noise.Observation) -> np.ndarray:

@@ -3,11 +3,12 @@
 
 import html.parser
 
+import jinja2
 import numpy as np
 import pytest
 
 from internal.errors import UserError
-from internal.files import atomic, image_io
+from internal.files import atomic, image_io, templates
 from internal.pages import contact_sheet, pages
 
 SECTIONS = [
@@ -78,6 +79,11 @@ def test_page_escapes_texts(page):
 def test_page_has_the_table(page):
     assert page.tags.count("tr") == 2
     assert "21.30" in page.words
+
+
+def test_what_a_page_lacks_is_an_error_not_a_gap():
+    with pytest.raises(jinja2.UndefinedError, match="intro"):
+        templates.fill(pages.ASSETS / "page.html", title="Scene", parts=SECTIONS)
 
 
 def test_page_in_a_missing_folder_is_the_users_error(tmp_path):

@@ -205,8 +205,8 @@ def test_along_views_ignores_a_view_that_is_there_twice():
 def test_json_round_trip(tmp_path):
     path = tmp_path / "path.json"
     camtoworlds = _forward_facing()
-    paths.to_json(path, camtoworlds, 24)
-    np.testing.assert_array_equal(paths.from_json(path), camtoworlds)
+    paths.write_poses(path, camtoworlds, 24)
+    np.testing.assert_array_equal(paths.read_poses(path), camtoworlds)
     assert json.loads(path.read_text())["fps"] == 24
     assert [file.name for file in tmp_path.iterdir()] == ["path.json"]
 
@@ -219,7 +219,7 @@ def test_json_from_nerfstudio(tmp_path):
     exported = {"camera_type": "perspective", "camera_path": [entry], "fps": 24}
     path.write_text(json.dumps(exported))
     expected = [[[0, 0, 1, 1], [0, 1, 0, 2], [-1, 0, 0, 3]]]
-    np.testing.assert_array_equal(paths.from_json(path), expected)
+    np.testing.assert_array_equal(paths.read_poses(path), expected)
 
 
 IDENTITY = np.eye(4).ravel().tolist()
@@ -248,13 +248,13 @@ def test_bad_json_names_the_file_and_what_was_expected(tmp_path, text):
     path = tmp_path / "bad.json"
     path.write_text(text)
     with pytest.raises(UserError, match=r"bad\.json: .*row-major 4x4") as caught:
-        paths.from_json(path)
+        paths.read_poses(path)
     assert "\n" not in str(caught.value)
 
 
 def test_missing_json_is_the_users_error(tmp_path):
     with pytest.raises(UserError, match=r"none\.json"):
-        paths.from_json(tmp_path / "none.json")
+        paths.read_poses(tmp_path / "none.json")
 
 
 def test_views_that_go_all_the_way_around_are_followed_by_an_ellipse():

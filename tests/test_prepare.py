@@ -21,7 +21,7 @@ from internal.prepare import attempts, brighten, mapping, sharpness
 from internal.prepare.pipeline import Inputs, prepare
 from internal.scene import colmap, readers
 from internal.scene.config import SceneConfig
-from internal.scene.pose_comparison import compare
+from internal.scene.pose_comparison import compare_poses
 from internal.scene.scene import load_scene
 from tests.scene_writers import edit_json, flat_picture
 from tests.textured_room import FOCAL, room_cameras, write_room
@@ -77,7 +77,7 @@ def inputs(photos, pose_images=None, truth=None):
 def test_every_photo_finds_its_camera(scene):
     files = readers.read_files(scene, "auto", "")
     assert len(files.names) == VIEWS
-    difference = compare(files.camtoworlds, room_cameras(VIEWS))
+    difference = compare_poses(files.camtoworlds, room_cameras(VIEWS))
     assert difference.rotations.max() < 0.5
     assert difference.centres.max() < 0.01
 
@@ -201,7 +201,7 @@ def test_photos_without_tags_at_two_zooms_get_a_lens_each(tmp_path):
     focal_lengths = [colmap.focal_lengths(lens)[0] for lens in files.lenses]
     expected = FOCAL * np.array([zooms.get(view, 1.0) for view in range(10)])
     np.testing.assert_allclose(focal_lengths, expected, rtol=0.03)
-    assert compare(files.camtoworlds, cameras).rotations.max() < 1.0
+    assert compare_poses(files.camtoworlds, cameras).rotations.max() < 1.0
     report = json.loads((tmp_path / "scene" / "report" / "report.json").read_text())
     assert "a lens per zoom" in report["tried"][0]["way"]
 

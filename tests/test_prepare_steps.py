@@ -36,7 +36,7 @@ from internal.prepare.pipeline import NOTES
 from internal.prepare.video_frames import extract_frames
 from internal.prepare.zooms import split
 from internal.scene import colmap, exposures
-from internal.scene.pose_comparison import compare
+from internal.scene.pose_comparison import compare_poses
 from tests.scene_writers import (
     facing_world,
     flat_picture,
@@ -91,10 +91,10 @@ def test_noise_is_measured_and_edges_are_not(deviation):
 
 
 def test_statistics_of_a_flat_photo():
-    found = statistics.measure(flat_picture(17.0))
+    found = statistics.measure_photo(flat_picture(17.0))
     assert (found.mean, found.noise, found.used_levels) == (17.0, 0.0, 1.0)
     assert found.histogram[17] == 24 * 18 * 3
-    assert statistics.measure(flat_picture(2.0)).is_black
+    assert statistics.measure_photo(flat_picture(2.0)).is_black
 
 
 def test_a_blurred_picture_is_less_sharp():
@@ -198,7 +198,7 @@ def test_each_unplaced_photo_gets_its_reason():
 
 
 GOOD = checks.Geometry(20, 0.8, 1000, 30.0, has_depth_range=True)
-DARK = statistics.measure(srgb(random_light()))
+DARK = statistics.measure_photo(srgb(random_light()))
 
 
 def test_a_good_scene_is_fit_without_warnings():
@@ -249,11 +249,11 @@ def test_the_best_attempt_rests_on_points_then_places_most():
 def test_a_similarity_is_no_difference_and_a_turn_is():
     world = surrounding_world()
     moved = world.moved(0.3, random_rotation(), np.ones(3))
-    same = compare(moved.camtoworlds, world.camtoworlds)
+    same = compare_poses(moved.camtoworlds, world.camtoworlds)
     assert max(same.rotations.max(), same.centres.max()) < 1e-6
     turned = world.camtoworlds.copy()
     turned[0, :, :3] = turned[0, :, :3] @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
-    assert compare(turned, world.camtoworlds).rotations[0] > 60.0
+    assert compare_poses(turned, world.camtoworlds).rotations[0] > 60.0
 
 
 def test_neighbours_on_a_circle_are_beside_each_other():

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every equation, figure and section that the tree names, against the papers.
+"""Every equation, figure and section that the tree names, against the papers, and every
+file that a document links to.
 
 They are written one way, ``LLNeRF Eq.`` and a number, one at a time and on one line,
 so that one grep finds who implements it.
@@ -154,6 +155,13 @@ def test_right_references_pass():
 def test_every_reference_is_in_its_paper():
     wrong = [f"{name}: {x}" for name, text in tree().items() for x in faults(text)]
     assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("document", [x for x in tree() if x.endswith(".md")])
+def test_what_a_document_links_to_is_there(document):
+    links = re.findall(r"\]\(([^)#\s]+)", tree()[document])
+    files = [ROOT / document / ".." / x for x in links if "://" not in x]
+    assert not [file for file in files if not file.resolve().exists()]
 
 
 @pytest.mark.parametrize("equation", IMPLEMENTED)

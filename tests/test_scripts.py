@@ -22,11 +22,12 @@ import train as train_script
 from internal import parallel
 from internal.cli import load_split
 from internal.comparison import scored_run
+from internal.comparison.variants import parse_variant
 from internal.configs import load_config
 from internal.errors import Diverged, UserError
 from internal.files import image_io
 from internal.launching.run import RECORD
-from internal.pages import report
+from internal.pages import parts
 from internal.scoring import metrics
 from internal.training import run_folder
 from internal.training.checkpoints import load_trained
@@ -307,11 +308,11 @@ def test_curves_of_several_runs_share_a_chart_and_leave_out_what_never_changes(
 ):
     (tmp_path / run_folder.LOG).write_text("")
     runs = {"one": run, "two": run, "none yet": tmp_path}
-    (part,) = report.training_curves("Training", runs)
+    (part,) = parts.training_curves("Training", runs)
     assert part.html.count("loss/data") == 1
     assert "seconds" not in part.html
     assert "one" in part.html and "two" in part.html and "none yet" not in part.html
-    assert report.training_curves("Training", {"none yet": tmp_path}) == []
+    assert parts.training_curves("Training", {"none yet": tmp_path}) == []
 
 
 @pytest.mark.parametrize(
@@ -337,4 +338,4 @@ def test_a_sweep_refuses_before_the_first_training(
 @pytest.mark.parametrize("text", ["gray 0.2", "a/b: Gamma.gray = 0.2", ": x = 1"])
 def test_a_variant_that_is_neither_file_nor_bindings_is_refused(text):
     with pytest.raises(UserError, match="variant"):
-        sweep_script.parse_variant(text)
+        parse_variant(text)

@@ -19,7 +19,7 @@ from internal.export.splats import (
     Pinhole,
     Splats,
     carry_over,
-    project,
+    project_splats,
     rotations,
 )
 from internal.poses import Similarity
@@ -97,7 +97,7 @@ def naive_render(splats, camera):
 @pytest.mark.parametrize("degree", [0, 1])
 def test_the_rasterizer_draws_what_a_naive_one_draws(degree):
     splats = some_splats(degree=degree)
-    picture, left = rasterizer.render(splats, CAMERA)
+    picture, left = rasterizer.rasterize(splats, CAMERA)
     expected, expected_left = naive_render(splats, CAMERA)
     assert 0.1 < expected_left.mean() < 0.9
     np.testing.assert_allclose(picture, expected, atol=2e-3)
@@ -106,7 +106,7 @@ def test_the_rasterizer_draws_what_a_naive_one_draws(degree):
 
 def dense_loss(splats, weights):
     """The same picture by autodiff: all pixels times all splats in one array."""
-    footprints = project(splats, CAMERA)
+    footprints = project_splats(splats, CAMERA)
     order = jnp.argsort(jax.lax.stop_gradient(footprints.depths))
     rows, columns = np.mgrid[: CAMERA.height, : CAMERA.width] + 0.5
     dx = columns.ravel()[:, None] - footprints.means[order, 0]
@@ -242,8 +242,8 @@ def test_splats_in_another_frame_look_the_same_from_the_same_place():
     camera = dataclasses.replace(
         CAMERA, camtoworld=np.asarray(moved, np.float32), near=np.float32(0.5)
     )
-    expected, _ = rasterizer.render(splats, CAMERA)
-    found, _ = rasterizer.render(carry_over(splats, similarity), camera)
+    expected, _ = rasterizer.rasterize(splats, CAMERA)
+    found, _ = rasterizer.rasterize(carry_over(splats, similarity), camera)
     np.testing.assert_allclose(found, expected, atol=2e-3)
 
 
@@ -277,7 +277,7 @@ def test_first_splats_make_a_surface_opaque_and_no_more(width):
     sizes = np.full(len(points), bake.OVERLAP * 0.01 * width)
     opacity = bake.first_opacity(width)
     splats = bake.first_splats(points, sizes, np.ones_like(points), facing, opacity)
-    _, left = rasterizer.render(splats, camera)
+    _, left = rasterizer.rasterize(splats, camera)
     assert 0.005 < left.mean() < 0.1
 
 
@@ -303,13 +303,13 @@ def test_thinning_keeps_to_its_count_and_to_the_surface(count):
 
 def test_fitting_comes_nearer_to_the_pictures_and_touches_what_it_may():
     truth = some_splats(30, degree=0)
-    target = bake.Target(CAMERA, rasterizer.render(truth, CAMERA)[0])
+    target = bake.Target(CAMERA, rasterizer.rasterize(truth, CAMERA)[0])
     first = dataclasses.replace(truth, harmonics=np.zeros_like(truth.harmonics))
 
     def error(splats):
-        return np.mean((rasterizer.render(splats, CAMERA)[0] - target.srgb) ** 2)
+        return np.mean((rasterizer.rasterize(splats, CAMERA)[0] - target.srgb) ** 2)
 
-    *_, last = bake.fit(first, [target], 25, {"harmonics": 0.2})
+    *_, last = bake.fit_splats(first, [target], 25, {"harmonics": 0.2})
     assert error(last) < 0.1 * error(first)
     np.testing.assert_array_equal(last.points, first.points)
     np.testing.assert_array_equal(last.opacity_logits, first.opacity_logits)

@@ -123,7 +123,9 @@ def test_the_chart_is_drawn_and_its_numbers_are_written(tmp_path):
 def test_the_same_answers_draw_the_same_chart(tmp_path):
     path = write_answers(tmp_path / "ann.csv", "ann", [("0", "one", "A")])
     results = preferences(read_answers([path]))
-    assert charts.preferences("ours", results) == charts.preferences("ours", results)
+    assert charts.preference_chart("ours", results) == charts.preference_chart(
+        "ours", results
+    )
 
 
 def test_files_that_are_no_answers_are_named(tmp_path):

@@ -5,9 +5,9 @@ import csv
 
 import pytest
 
-from internal.comparison import tables
+from internal.comparison import score_tables
 from internal.comparison.jobs import Result
-from internal.comparison.tables import MEAN
+from internal.comparison.score_tables import MEAN
 from internal.errors import UserError
 from internal.pages import tables as formats
 from internal.pages.pages import Table
@@ -40,7 +40,7 @@ def test_latex_prints_every_character_and_keeps_bold():
 
 
 def test_markdown_has_the_best_of_each_column_bold(tmp_path):
-    markdown = tables.write_tables(tmp_path, RESULTS)
+    markdown = score_tables.write_tables(tmp_path, RESULTS)
     blocks = markdown.split("## ")
     assert [block.split("\n")[0] for block in blocks[1:]] == [MEAN, "buu", "chair"]
     # Of buu PSNR is best high, LPIPS low; training time is never bold.
@@ -53,7 +53,7 @@ def test_markdown_has_the_best_of_each_column_bold(tmp_path):
 
 
 def test_means_are_of_methods_that_every_scene_has(tmp_path):
-    tables.write_tables(tmp_path, RESULTS)
+    score_tables.write_tables(tmp_path, RESULTS)
     with (tmp_path / "table.csv").open() as file:
         rows = [row for row in csv.DictReader(file) if row["scene"] == MEAN]
     assert [row["method"] for row in rows] == ["A & B", "C_1"]
@@ -62,29 +62,29 @@ def test_means_are_of_methods_that_every_scene_has(tmp_path):
 
 
 def test_latex_table_of_each_block(tmp_path):
-    tables.write_tables(tmp_path, RESULTS)
+    score_tables.write_tables(tmp_path, RESULTS)
     text = (tmp_path / "table.tex").read_text()
     assert text.count(r"\begin{table}") == text.count(r"\end{table}") == 3
     assert r"C\_1 & 10.00 & \textbf{0.100} & 2.0 \\" in text
 
 
 def test_one_scene_has_no_mean(tmp_path):
-    markdown = tables.write_tables(tmp_path, {"buu": RESULTS["buu"]})
+    markdown = score_tables.write_tables(tmp_path, {"buu": RESULTS["buu"]})
     assert MEAN not in markdown
 
 
 def test_a_scene_without_truth_has_rows_without_scores(tmp_path):
     results = {"mine": {"A": _result("mine/a"), "B": _result("mine/b", 1.0)}}
-    markdown = tables.write_tables(tmp_path, results)
+    markdown = score_tables.write_tables(tmp_path, results)
     assert "| method | training, min |" in markdown
     assert "| A |  |" in markdown
 
 
 def test_results_are_read_back_as_written(tmp_path):
-    tables.write_tables(tmp_path, RESULTS)
-    assert tables.read_tables(tmp_path) == RESULTS
+    score_tables.write_tables(tmp_path, RESULTS)
+    assert score_tables.read_tables(tmp_path) == RESULTS
 
 
 def test_a_folder_without_results_is_named(tmp_path):
     with pytest.raises(UserError, match=r"results\.json: not found"):
-        tables.read_tables(tmp_path)
+        score_tables.read_tables(tmp_path)

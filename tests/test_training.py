@@ -139,7 +139,7 @@ def test_finite_steps_pass_the_check(tiny_run):
     _, stats = run(state, 1)
     training.check_finite(stats, 1)
     training.check_finite(None, 0)
-    numbers = training.summarize(stats)
+    numbers = training.log_numbers(stats)
     assert {
         "psnr",
         "loss/data",

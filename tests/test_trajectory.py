@@ -38,7 +38,7 @@ def test_a_file_holds_poses_in_the_frame_of_the_pose_file(scene, tmp_path):
     world_from_model = scene.model_from_world.inverse()
     model_poses = np.asarray(scene.cameras.camtoworlds, np.float64)
     file = tmp_path / "path.json"
-    paths.to_json(file, world_from_model.poses(model_poses), fps=24)
+    paths.write_poses(file, world_from_model.poses(model_poses), fps=24)
     cameras = path_cameras(scene, dataclasses.replace(RENDER, path=str(file)))
     np.testing.assert_allclose(cameras.camtoworlds, model_poses, atol=1e-5)
 

@@ -43,11 +43,11 @@ from internal.scene.config import SceneConfig
 from internal.scene.scene import Scene, load_scene
 from internal.structs import LitRendering
 from internal.viewer import takes
-from internal.viewer.canvas import PHOTO, Split, draw, photo_through
+from internal.viewer.canvas import PHOTO, Split, compose, photo_through
+from internal.viewer.chunked_jobs import Runnable, Series, Speedometer, Task
 from internal.viewer.free_camera import PIXELS, FreeCamera, single_camera, vertical_fov
 from internal.viewer.gate import Gate, fits
 from internal.viewer.inquiry import Inquiry
-from internal.viewer.jobs import Runnable, Series, Speedometer, Task
 from internal.viewer.panel import is_double
 from internal.viewer.server import Server
 from internal.viewer.session import Session
@@ -316,10 +316,10 @@ def test_a_split_shows_one_output_on_each_side():
     picture = jax_like(rendering(40 * 30), 30, 40)
     photo = np.ones((30, 40, 3), np.float32)
     choice = Split("enhanced", "dark", 0.25)
-    drawn = draw(picture, DISPLAY, choice, {})
+    drawn = compose(picture, DISPLAY, choice, {})
     assert (drawn[:, :9] == 128).all()  # 0.5
     assert (drawn[:, 10:] == 13).all()  # 0.05
-    whole = draw(picture, DISPLAY, Split(PHOTO), {PHOTO: photo})
+    whole = compose(picture, DISPLAY, Split(PHOTO), {PHOTO: photo})
     assert (whole == 255).all()
 
 
@@ -354,7 +354,7 @@ def test_a_snapshot_of_evidence_shows_its_colours(studio, page, tmp_path):
 
 def test_rays_without_a_colour_are_black():
     picture = jax_like(rendering(12, np.nan), 3, 4)
-    drawn = draw(picture, DISPLAY, Split(), {})
+    drawn = compose(picture, DISPLAY, Split(), {})
     assert (drawn == 0).all()
 
 
@@ -459,7 +459,7 @@ def test_a_snapshot_is_a_picture_and_a_path_of_one_pose(studio, page, tmp_path):
     facts = json.loads(first.read_text())
     assert "Render.exposure = -1.0" in facts["gin_bindings"]
     assert (facts["output"], facts["step"]) == ("enhanced", 7)
-    world = paths.from_json(first)
+    world = paths.read_poses(first)
     np.testing.assert_allclose(world, takes.in_world(scene, POSE[None]), atol=1e-6)
     np.testing.assert_array_equal(
         studio.edits[-1].gains, Look(exposure=-1.0).edit().gains
@@ -651,7 +651,7 @@ def test_no_message_puts_the_viewer_on_the_internet(server):
 def test_a_path_is_saved_in_the_frame_of_the_pose_file(scene, tmp_path):
     poses = np.asarray(scene.cameras.camtoworlds, np.float64)
     path = takes.write_path(tmp_path, "walk", scene, poses, fps=30)
-    again = paths.from_json(path)
+    again = paths.read_poses(path)
     np.testing.assert_allclose(again, takes.in_world(scene, poses), atol=1e-6)
     with pytest.raises(UserError, match=r"path name '\.\./x'"):
         takes.write_path(tmp_path, "../x", scene, poses, fps=30)

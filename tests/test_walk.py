@@ -24,8 +24,8 @@ from internal.training.step import initial_state
 from internal.viewer.baking import Bakery, Walkable
 from internal.viewer.canvas import NOTHING, PHOTO, Split
 from internal.viewer.free_camera import FreeCamera
+from internal.viewer.lit_splats import Baked, recolorer
 from internal.viewer.sharing import Turns
-from internal.viewer.splats import Baked, recolorer
 from internal.viewer.studio import Studio
 from internal.viewer.trained import Trained
 from internal.viewer.walk import look_shown

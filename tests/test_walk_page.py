@@ -81,7 +81,7 @@ def test_splats_are_drawn_in_the_colours_of_the_light_as_our_rasterizer_does(vie
     wide = colmap.scale_lens(lens, ZOOM * WIDTH, ZOOM * HEIGHT)
     pinhole = pinhole_camera(wide, camera.camtoworld, near=0.01)
     whole = dataclasses.replace(walkable.baked.splats, harmonics=lit)
-    picture = np.asarray(rasterizer.render(whole, pinhole)[0])
+    picture = np.asarray(rasterizer.rasterize(whole, pinhole)[0])
     expected = viewer.middles(picture.clip(0.0, 1.0))
 
     ((panel, _),) = viewer.server._pages.values()

@@ -1,2 +1,3 @@
 # SPDX-License-Identifier: Apache-2.0
-"""compare.py: many methods on many scenes, one table. Start at `jobs`."""
+"""Many trainings in one table: compare.py's, methods on scenes, start at `jobs`;
+sweep.py's, variants of a configuration, at `variants`."""

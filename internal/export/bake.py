@@ -89,7 +89,7 @@ def bake(
         targets = targets_of(scene, views, look)
         rates = {"harmonics": RATES["harmonics"]} if baked else RATES
         steps = RECOLOR_STEPS if baked else STEPS
-        fitted = fit(splats, targets, steps, rates)
+        fitted = fit_splats(splats, targets, steps, rates)
         for step in progress.track(fitted, steps, f"fitting {look}", "step"):
             splats = step
         if not baked:
@@ -227,7 +227,7 @@ def _quaternions_to(outwards: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 
     return (half / np.linalg.norm(half, axis=-1, keepdims=True)).astype(np.float32)
 
 
-def fit(
+def fit_splats(
     splats: Splats,
     targets: Sequence[Target],
     steps: int,

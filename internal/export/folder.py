@@ -194,7 +194,7 @@ def splats_name(look: str) -> str:
     return "splats" if look == "enhanced" else f"splats_{look}"
 
 
-def describe(facts: Facts) -> list[tuple[str, str]]:
+def list_exported(facts: Facts) -> list[tuple[str, str]]:
     """What was exported, a line per file: (file, size and bounds)."""
 
     def box(name: str) -> str:

@@ -23,7 +23,7 @@ from internal.export.splats import (
     Footprints,
     Pinhole,
     Splats,
-    project,
+    project_splats,
 )
 
 TILE = 8  # pixels
@@ -97,7 +97,7 @@ def _stable_order(keys: np.ndarray, limit: int) -> np.ndarray:
     return np.argsort(small, kind="stable")
 
 
-def render(
+def rasterize(
     splats: Splats, camera: Pinhole
 ) -> tuple[Float[np.ndarray, "height width 3"], Float[np.ndarray, "height width"]]:
     """A picture in sRGB over black, and the share of the background that is left."""
@@ -161,7 +161,7 @@ def to_tiles(
     return pixels
 
 
-_project = jax.jit(project)
+_project = jax.jit(project_splats)
 
 
 @jax.jit
@@ -175,7 +175,7 @@ def _pack(footprints: Footprints) -> Float[Array, "n 9"]:
 def _pull_back(
     splats: Splats, camera: Pinhole, by_packed: Float[Array, "n 9"]
 ) -> Splats:
-    _, back = jax.vjp(lambda some: _pack(project(some, camera)), splats)
+    _, back = jax.vjp(lambda some: _pack(project_splats(some, camera)), splats)
     return back(by_packed)[0]
 
 

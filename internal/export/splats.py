@@ -120,7 +120,7 @@ def colors_towards(
     return jnp.maximum(srgb, 0.0)
 
 
-def project(splats: Splats, camera: Pinhole) -> Footprints:
+def project_splats(splats: Splats, camera: Pinhole) -> Footprints:
     """EWA splatting: the Jacobian of the projection carries each Gaussian over."""
     rotation, origin = camera.camtoworld[:, :3], camera.camtoworld[:, 3]
     offsets = jnp.asarray(splats.points - origin)

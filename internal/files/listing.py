@@ -163,14 +163,14 @@ def list_pictures(folder: Path) -> tuple[str, ...]:
         if raw:
             hint = "RAW photos must be developed to JPEG or PNG first"
         if found.left_out:
-            hint = f"left out: {describe(found.left_out)}"
+            hint = f"left out: {by_reason(found.left_out)}"
         raise UserError(f"{folder}: no picture (PNG, JPEG, TIFF, ...) in it; {hint}")
     if left_out:
-        say_once(f"{folder}: left out: {describe(left_out)}")
+        say_once(f"{folder}: left out: {by_reason(left_out)}")
     return found.pictures
 
 
-def describe(left_out: Sequence[LeftOut]) -> str:
+def by_reason(left_out: Sequence[LeftOut]) -> str:
     """All names, by reason."""
     reasons = dict.fromkeys(entry.reason for entry in left_out)
     return "; ".join(

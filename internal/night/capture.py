@@ -3,7 +3,7 @@
 
 Equations run in the order light takes them: ``collect``, ``photon_noise``,
 ``read_noise``, ``apply_gains``, then clip, sRGB curve and 8-bit rounding
-(``encode``). ``linear_rgb`` is ``[..., 3]`` linear light in which 1 is the white of
+(``to_photo``). ``linear_rgb`` is ``[..., 3]`` linear light in which 1 is the white of
 the normal-light picture, for which the sensor counts ``full_well`` electrons. Keys
 go in, arrays come out: nothing else is random.
 """
@@ -99,7 +99,7 @@ def sense(
     return apply_gains(light, model.channel_gains)
 
 
-def encode(linear_rgb: Float[ArrayLike, "*batch 3"]) -> UInt8[np.ndarray, "*batch 3"]:
+def to_photo(linear_rgb: Float[ArrayLike, "*batch 3"]) -> UInt8[np.ndarray, "*batch 3"]:
     """Clips to [0, 1], applies the sRGB curve and rounds to 8 bits."""
     return color.to_uint8(color.linear_to_srgb(jnp.clip(jnp.asarray(linear_rgb), 0, 1)))
 
@@ -114,4 +114,4 @@ def capture(
         model: exposure, noise and cast.
         key: of this view, from ``view_key``.
     """
-    return encode(sense(linear_rgb, model, key))
+    return to_photo(sense(linear_rgb, model, key))

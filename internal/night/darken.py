@@ -79,40 +79,43 @@ def darken(
         **({"jpeg_quality": jpeg_quality} if jpeg_quality else {}),
         **dataclasses.asdict(model),
     }
-    compression = JPEG.format(quality=jpeg_quality) if jpeg_quality else NO_JPEG
 
     def fill(partial: Path) -> Facts:
         _copy_pose_files(data_dir, partial)
-        text = README.format(
-            source=data_dir.name, compression=compression, **dataclasses.asdict(model)
-        )
-        (partial / "README.txt").write_text(text)
-        truth = _truth_names(files.names, files.image_paths)
-        levels = []
-        shown = progress.track(truth, len(truth), "darkening", "photo")
-        for view, name in enumerate(shown):
-            source, mask = files.image_paths[view], files.mask_paths[view]
-            _copy(source, partial / TRUTH / name)
-            if mask:
-                _copy(mask, partial / _inside(data_dir, mask))
-            srgb = image_io.read_srgb(source, files.upright)
-            dark = capture(color.srgb_to_linear(srgb), model, view_key(model, view))
-            target = partial / image_io.writable(_inside(data_dir, source))
-            target.parent.mkdir(parents=True, exist_ok=True)
-            srgb_dark = color.quantize(dark / 255.0)
-            _store(target, srgb_dark, opaque(files, view), jpeg_quality)
-            levels.append((float(dark.mean()), 255.0 * float(srgb.mean())))
-        dark_level, truth_level = np.mean(levels, axis=0).tolist()
-        facts: Facts = {"dark_level": dark_level, "truth_level": truth_level}
-        return facts | {"views": len(truth)}
+        _write_readme(partial, data_dir.name, model, jpeg_quality)
+        _copy_truth(data_dir, files, partial)
+        return _darken_pictures(data_dir, files, partial, model, jpeg_quality)
 
     return make_folder(folder, settings, fill, overwrite=overwrite)
+
+
+def _darken_pictures(
+    data_dir: Path,
+    files: SceneFiles,
+    folder: Path,
+    model: CaptureModel,
+    jpeg_quality: int,
+) -> Facts:
+    """Writes the dark pictures under their paths; mean levels of both, and how many."""
+    levels, sources = [], files.image_paths
+    track = progress.track(sources, len(sources), "darkening", "photo")
+    for view, source in enumerate(track):
+        srgb = image_io.read_srgb(source, files.upright)
+        dark = capture(color.srgb_to_linear(srgb), model, view_key(model, view))
+        target = folder / image_io.writable(_inside(data_dir, source))
+        srgb_dark = color.quantize(dark / 255.0)
+        _store(target, srgb_dark, opaque(files, view), jpeg_quality)
+        levels.append((float(dark.mean()), 255.0 * float(srgb.mean())))
+    dark_level, truth_level = np.mean(levels, axis=0).tolist()
+    facts: Facts = {"dark_level": dark_level, "truth_level": truth_level}
+    return facts | {"views": len(sources)}
 
 
 def _store(
     path: Path, srgb: Float[np.ndarray, "_h _w 3"], opaque: Mask, jpeg_quality: int
 ) -> None:
     """Writes a picture, through a JPEG file if there is a quality for it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     if not jpeg_quality:
         image_io.write(path, image_io.with_alpha(srgb, opaque))
     elif path.suffix.lower() in (".jpg", ".jpeg"):
@@ -140,6 +143,24 @@ def _check(data_dir: Path, folder: Path, files: SceneFiles) -> None:
     for path in (*files.image_paths, *masks):
         if not _absolute(path).is_relative_to(_absolute(data_dir)):
             raise UserError(f"{path}: lies outside of {data_dir}; move it there")
+
+
+def _write_readme(
+    folder: Path, source: str, model: CaptureModel, jpeg_quality: int
+) -> None:
+    compression = JPEG.format(quality=jpeg_quality) if jpeg_quality else NO_JPEG
+    capture = dataclasses.asdict(model)
+    text = README.format(source=source, compression=compression, **capture)
+    (folder / "README.txt").write_text(text)
+
+
+def _copy_truth(data_dir: Path, files: SceneFiles, folder: Path) -> None:
+    """The pictures as they are become the truth; their masks hold for both."""
+    names = _truth_names(files.names, files.image_paths)
+    for source, name in zip(files.image_paths, names, strict=True):
+        _copy(source, folder / TRUTH / name)
+    for mask in filter(None, files.mask_paths):
+        _copy(mask, folder / _inside(data_dir, mask))
 
 
 def _truth_names(names: Sequence[str], image_paths: Sequence[Path]) -> list[str]:

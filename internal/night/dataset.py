@@ -149,8 +149,7 @@ def write_scene(
             f"{views} views of {width}x{height} pixels; at least 3 of 8x8 make a scene"
         )
     settings = {
-        "scene": "night",
-        "content": CONTENT,
+        **{"scene": "night", "content": CONTENT},
         **{"views": views, "width": width, "height": height},
         **dataclasses.asdict(model),
     }
@@ -158,9 +157,8 @@ def write_scene(
     def fill(partial: Path) -> Facts:
         camtoworlds = make_cameras(views)
         near, far = find_depth_range(camtoworlds, width, height)
-        levels = _write_pictures(
-            partial, render_views(camtoworlds, width, height), model
-        )
+        linear_rgb = render_views(camtoworlds, width, height)
+        levels = _write_pictures(partial, linear_rgb, model)
         _write_transforms(partial, _lens(width, height), camtoworlds, (near, far))
         text = README.format(
             name=folder.name, holdout=HOLDOUT, **dataclasses.asdict(model)

@@ -127,7 +127,7 @@ def surface_normals(
     return normalize(jnp.sum(linear * normal[:, None], axis=0))  # inverse transpose
 
 
-def around(
+def directions_about(
     axis: Float[Array, "3 rays"],
     cosine: Float[Array, " rays"],
     turn: Float[Array, " rays"],

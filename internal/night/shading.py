@@ -12,7 +12,7 @@ from jax import Array
 from jaxtyping import Float
 
 from internal.night import raytrace, textures
-from internal.night.raytrace import Solids, around, dot, normalize
+from internal.night.raytrace import Solids, directions_about, dot, normalize
 from internal.night.textures import Material
 
 LIFT = 1e-3  # decimetres between a surface and the rays that start on it
@@ -126,7 +126,7 @@ def lamp_light(
     to_center = to_center / distance[None]
     spread = lamp.radii / distance
     cos_max = jnp.sqrt(jnp.maximum(1.0 - spread**2, 0.0))
-    to_light = around(to_center, 1.0 - u[0] * (1.0 - cos_max), u[1])
+    to_light = directions_about(to_center, 1.0 - u[0] * (1.0 - cos_max), u[1])
     start = surface.point + LIFT * surface.normal
     clear = raytrace.is_clear(solids, start, to_light, distance - 1.01 * lamp.radii)
     cosine = jnp.maximum(dot(surface.normal, to_light), 0.0)
@@ -140,7 +140,7 @@ def ambient_light(
     world: World, surface: Surface, u: Float[Array, "2 rays"]
 ) -> Float[Array, "3 rays"]:
     """Diffuse light of the ambient, by one cosine-weighted ray per surface."""
-    outward = around(surface.normal, jnp.sqrt(1.0 - u[0]), u[1])
+    outward = directions_about(surface.normal, jnp.sqrt(1.0 - u[0]), u[1])
     start = surface.point + LIFT * surface.normal
     clear = raytrace.is_clear(world.solids, start, outward, AMBIENT_REACH)
     ambient = jnp.where(clear[None], world.ambient[:, None], 0.0)

@@ -47,7 +47,7 @@ def curves(series: Mapping[str, Mapping[str, Curve]]) -> str:
     return _svg(figure)
 
 
-def preferences(ours: str, results: Sequence[Preference]) -> str:
+def preference_chart(ours: str, results: Sequence[Preference]) -> str:
     """The bar chart of a user study (LLNeRF Fig. 9): per rival, the shares of "A is
     better", undecided and "B is better", with the interval of the first."""
     figure = _figure(8.0, 1.2 + 0.55 * len(results))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from internal.files import atomic
 from internal.pages.pages import Table
-from internal.pages.tables import as_text
+from internal.pages.tables import as_markdown
 from internal.scoring.evaluation import BASELINES, DEFINITIONS, Scores
 
 
@@ -35,7 +35,7 @@ def heading(views: int, with_truth: int) -> str:
 def read_table(metrics_json: Path) -> str:
     """The mean scores of a ``metrics.json`` in Markdown."""
     mean = atomic.read_json(metrics_json, "eval.py")["mean"]
-    return as_text(score_table(mean, ""))
+    return as_markdown(score_table(mean, ""))
 
 
 def _enhanced_first(item: tuple[str, dict[str, float]]) -> int:

@@ -15,7 +15,7 @@ LATEX_SPECIALS = str.maketrans(
 )
 
 
-def as_text(table: Table) -> str:
+def as_markdown(table: Table) -> str:
     """A table in Markdown."""
     lines = [table.headers, tuple("---" for _ in table.headers), *table.rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)

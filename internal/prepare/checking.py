@@ -53,44 +53,30 @@ def check_scene(data_dir: Path, folder: Path) -> Report:
     check_poses(files)
     check_lenses(files)
     lenses = fit_lenses(files, 1)
-    if not len(files.points):
-        points = find_points(files, range(len(files.names)), ())
-        files = dataclasses.replace(files, points=points)
-    elif files.points_source != POINTS_OF_MODEL:  # which rest on photos themselves
-        fault = cloud_fault(files, find_points(files, range(len(files.names)), ()))
-        if fault:
-            raise UserError(f"{files.pose_paths[0]}: {fault}")
+    files = _with_points(files)
     check_sides(files)
     truth = find_truth(files, data_dir, "", held_out(files, HOLDOUT))
     count = len(files.names)
     photos = [
-        statistics.measure(image_io.read_srgb(path, files.upright))
+        statistics.measure_photo(image_io.read_srgb(path, files.upright))
         for path in progress.track(files.image_paths, count, "reading photos", "photo")
     ]
     copies = [_copy(lens) for lens in lenses]
-    with tempfile.TemporaryDirectory() as work:
-        pixels = _match_neighbours(files, copies, Path(work))
-        relative = sharpness.against_overlapping(
-            lambda v: image_io.read_srgb(Path(work, matching.copy_name(v)))[..., 0],
-            count,
-            pixels,
-        )
+    pixels, relative = _compare_neighbours(files, copies)
     small = [
         colmap.scale_lens(e, c.width, c.height)
         for e, c in zip(lenses, copies, strict=True)
     ]
+    wrong = misplaced(files.camtoworlds, small, pixels, USELESS_ERROR)
     found = Findings(
         source=data_dir.resolve().name,
         photos=photos,
         total=count,
         error=epipolar_error(files.camtoworlds, small, pixels),
         error_kind="median epipolar error",
-        misplaced=tuple(
-            files.names[view]
-            for view in misplaced(files.camtoworlds, small, pixels, USELESS_ERROR)
-        ),
+        misplaced=tuple(files.names[view] for view in wrong),
         sharpness=dict(zip(files.names, relative.tolist(), strict=True)),
-        exposures=exposures.measure(
+        exposures=exposures.measure_gains(
             _sighted(copies, pixels),
             lambda view: image_io.read_srgb(files.image_paths[view], files.upright),
             count,
@@ -200,6 +186,37 @@ def _meet_behind(
         along_first - along_second * cosines, along_first * cosines - along_second
     )
     return (ahead < 0.0) & (1.0 - cosines**2 > np.sin(PARALLEL) ** 2)
+
+
+def _with_points(files: SceneFiles) -> SceneFiles:
+    """The files with points, from the photos where they have none.
+
+    Raises:
+        UserError: points of theirs that do not rest on the photos do not fit these.
+    """
+    if files.points_source == POINTS_OF_MODEL and len(files.points):
+        return files
+    points = find_points(files, range(len(files.names)), ())
+    if not len(files.points):
+        return dataclasses.replace(files, points=points)
+    fault = cloud_fault(files, points)
+    if fault:
+        raise UserError(f"{files.pose_paths[0]}: {fault}")
+    return files
+
+
+def _compare_neighbours(
+    files: SceneFiles, copies: list[Copy]
+) -> tuple[PixelPairs, Float[np.ndarray, " n"]]:
+    """Matches of neighbouring views, and each photo's sharpness against those."""
+    with tempfile.TemporaryDirectory() as work:
+        pixels = _match_neighbours(files, copies, Path(work))
+        relative = sharpness.against_overlapping(
+            lambda v: image_io.read_srgb(Path(work, matching.copy_name(v)))[..., 0],
+            len(copies),
+            pixels,
+        )
+    return pixels, relative
 
 
 def _match_neighbours(files: SceneFiles, copies: list[Copy], work: Path) -> PixelPairs:

@@ -116,7 +116,7 @@ def triangulate(
     return np.array(points, np.float64).reshape(-1, 3)
 
 
-def focal_lengths(model: Mapped) -> dict[int, float]:
+def focals_of_copies(model: Mapped) -> dict[int, float]:
     """Focal length of each view, in pixels of its copy."""
     images = [model.native.image(number) for number in model.native.reg_image_ids()]
     return {
@@ -126,7 +126,7 @@ def focal_lengths(model: Mapped) -> dict[int, float]:
 
 
 def own_focal_lengths(model: Mapped) -> dict[int, float]:
-    """What ``focal_lengths`` would be with a lens for each view: poses, points and
+    """What ``focals_of_copies`` would be with a lens for each view: poses, points and
     lenses of the model are adjusted together."""
     given = model.native
     freed = pycolmap.Reconstruction()
@@ -150,7 +150,7 @@ def own_focal_lengths(model: Mapped) -> dict[int, float]:
     problem.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     # pycolmap.bundle_adjustment does the same and turns COLMAP's log on for good.
     pycolmap.create_default_bundle_adjuster(options, problem, freed).solve()
-    return focal_lengths(Mapped(freed, model.views))
+    return focals_of_copies(Mapped(freed, model.views))
 
 
 def without(model: Mapped, views: Collection[int]) -> Mapped:
@@ -178,7 +178,7 @@ def sighted(model: Mapped) -> dict[int, Sighted]:
     return found
 
 
-def write_model(
+def write_for_photos(
     model: Mapped,
     folder: Path,
     names: Sequence[str],

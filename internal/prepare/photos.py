@@ -18,7 +18,7 @@ from internal import color, progress
 from internal.errors import UserError
 from internal.files import atomic, heif, image_io, listing, raw
 from internal.files.listing import LeftOut
-from internal.prepare.statistics import PhotoStatistics, measure
+from internal.prepare.statistics import PhotoStatistics, measure_photo
 
 FEWEST = 3
 FILM_DIAGONAL = math.hypot(36.0, 24.0)  # mm
@@ -28,7 +28,7 @@ DEVELOPED_EXTENSIONS = (
 )
 
 
-def scene_name(name: PurePosixPath) -> str:
+def name_in_scene(name: PurePosixPath) -> str:
     """The name of a picture in a scene: RAW, EXR and HEIC become PNG files."""
     developed = name.suffix.lower() in DEVELOPED_EXTENSIONS
     return (name.with_suffix(".png") if developed else name).as_posix()
@@ -49,7 +49,7 @@ class Photo:
     @property
     def scene_name(self) -> str:
         """Its name in a scene."""
-        return scene_name(PurePosixPath(self.name))
+        return name_in_scene(PurePosixPath(self.name))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,7 +107,7 @@ def list_names(folder: Path) -> tuple[tuple[str, ...], dict[str, str]]:
     found = listing.find_pictures(folder)
     names = tuple(sorted(found.pictures + found.raw))
     if not names:
-        left_out = listing.describe(found.left_out)
+        left_out = listing.by_reason(found.left_out)
         raise UserError(
             f"{folder}: no photo in it; expected JPG, PNG, TIFF, WebP, HEIC, EXR or RAW"
             + (f"; left out: {left_out}" if left_out else "")
@@ -162,7 +162,7 @@ def _inspect(folder: Path, name: str) -> Photo | str:
         srgb = read_photo(path)
     except UserError as error:
         return str(error).removeprefix(f"{path}: ")
-    statistics = measure(srgb)
+    statistics = measure_photo(srgb)
     if statistics.is_black:
         return f"black: nothing in it is brighter than {statistics.bright:.0f} of 255"
     height, width = srgb.shape[:2]

@@ -106,7 +106,7 @@ def _prepare(inputs: Inputs, scene: Path) -> Report:
     model = mapping.without(best.models[0], left_out)
     best = dataclasses.replace(best, models=(model,))
     _copy_photos(scene, photos, truth[0] if truth else None, model.views)
-    gains = exposures.measure(
+    gains = exposures.measure_gains(
         mapping.sighted(model),
         lambda place: read_photo(photos[model.views[place]].path),
         len(model.views),
@@ -153,7 +153,7 @@ def _place(inputs: Inputs, scene: Path) -> _Placed:
     work.mkdir(exist_ok=True)
     found = find_photos(folder, work / NOTES)
     photos = found.photos
-    truth = scene_files.pair_truth(photos, inputs.truth) if inputs.truth else None
+    truth = scene_files.pair_twins(photos, inputs.truth) if inputs.truth else None
     sources = _pose_sources(photos, inputs.pose_images)
     copies = [_copy(p, s) for p, s in zip(photos, sources, strict=True)]
     _check_space(scene, photos, copies)
@@ -321,7 +321,7 @@ def _write_cameras(scene: Path, photos: Sequence[Photo], best: Attempt) -> None:
     partial = scene / WORK / scene_files.MODEL
     names = [photo.scene_name for photo in photos]
     sizes = [(photo.width, photo.height) for photo in photos]
-    mapping.write_model(model, partial, names, sizes, similarity)
+    mapping.write_for_photos(model, partial, names, sizes, similarity)
     shutil.rmtree(scene / "sparse", ignore_errors=True)
     partial.parent.rename(scene / "sparse")
     scene_files.write_transforms(colmap.read_model(scene / scene_files.MODEL), scene)

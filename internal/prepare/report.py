@@ -12,7 +12,7 @@ from internal.errors import UserError
 from internal.files import atomic
 from internal.files.listing import LeftOut
 from internal.pages import pages
-from internal.pages.pages import Section, Table
+from internal.pages.pages import Part, Section, Table
 from internal.prepare import plots
 from internal.prepare.sharpness import BLURRED
 
@@ -92,7 +92,7 @@ def write_report(report: Report, pictured: Pictured | None, folder: Path) -> Pat
     folder.mkdir(parents=True, exist_ok=True)
     content = json.dumps(dataclasses.asdict(report), indent=2, allow_nan=False)
     atomic.write_text(folder / "report.json", content + "\n")
-    sections: list[Section | Table] = []
+    sections: list[Part] = []
     if pictured is not None:
         plots.plot_layout(pictured.camtoworlds, pictured.points, folder / "cameras.png")
         plots.plot_histogram(pictured.histogram, folder / "brightness.png")

@@ -8,7 +8,12 @@ from pathlib import Path, PurePosixPath
 from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import atomic, image_io
-from internal.prepare.photos import DEVELOPED_EXTENSIONS, Photo, read_photo, scene_name
+from internal.prepare.photos import (
+    DEVELOPED_EXTENSIONS,
+    Photo,
+    name_in_scene,
+    read_photo,
+)
 from internal.scene.colmap import Reconstruction
 from internal.scene.masks import is_of_shape
 from internal.scene.pairing import pair_by_name
@@ -41,7 +46,7 @@ def place_photo(photo: Photo, scene: Path) -> None:
     _copy_or_develop(photo.path, scene / PICTURES / photo.scene_name)
 
 
-def pair_truth(photos: Sequence[Photo], folder: Path) -> tuple[tuple[Path, ...], str]:
+def pair_twins(photos: Sequence[Photo], folder: Path) -> tuple[tuple[Path, ...], str]:
     """The normal-light twin of each photo, and the rule that paired them.
 
     Raises:
@@ -60,7 +65,7 @@ def pair_truth(photos: Sequence[Photo], folder: Path) -> tuple[tuple[Path, ...],
 
 def place_truth(photo: Photo, truth: Path, scene: Path) -> None:
     """Copies or develops a normal-light picture under the name of its dark photo."""
-    name = scene_name(PurePosixPath(photo.name).with_suffix(truth.suffix))
+    name = name_in_scene(PurePosixPath(photo.name).with_suffix(truth.suffix))
     _copy_or_develop(truth, scene / TRUTH / name)
 
 

@@ -39,7 +39,7 @@ class PhotoStatistics:
         return self.bright < BLACK_LEVEL
 
 
-def measure(srgb: Float[np.ndarray, "height width 3"]) -> PhotoStatistics:
+def measure_photo(srgb: Float[np.ndarray, "height width 3"]) -> PhotoStatistics:
     """Measures one photo."""
     levels = [color.to_uint8(srgb[..., channel]) for channel in range(3)]
     counts = [_count(channel) for channel in levels]

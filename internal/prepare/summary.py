@@ -115,7 +115,7 @@ def train_command(scene: Path, width: int) -> str:
     factor = max(1, round(width / TRAINED_WIDTH))
     bindings = ["Config.max_minutes = 5.0"]
     bindings += [f"Config.factor = {factor}"] if factor > 1 else []
-    return script.command(
+    return script.command_line(
         *("train.py", "--gin_configs=configs/llnerf_best.gin"),
         *("--scene", scene, "--run", Path("outputs", scene.resolve().name)),
         *(f"--gin_bindings={binding}" for binding in bindings),

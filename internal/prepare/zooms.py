@@ -53,7 +53,7 @@ def tell_apart(attempt: Attempt, copies: Sequence[Copy], work: Path) -> Attempt:
     print(f"  {again.describe(len(copies))}", flush=True)
     if not again.models:
         return attempt
-    found = split(cameras, mapping.focal_lengths(again.models[0]))
+    found = split(cameras, mapping.focals_of_copies(again.models[0]))
     if found.items() <= zooms.items():
         return min(attempt, again, key=lambda tried: tried.rank)
     return attempt

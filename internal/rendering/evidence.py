@@ -8,8 +8,8 @@ Depths are renderings' own; levels are 8-bit, 0 to 255, of the mean over channel
 """
 
 import dataclasses
-import html
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -18,6 +18,7 @@ from scipy import ndimage
 from internal.cameras import Cameras, Lens
 from internal.configs import ModelConfig
 from internal.coord import Space
+from internal.files import templates
 from internal.rendering.pictures import Picture, outputs_of
 from internal.rendering.surfaces import is_background, surface_points
 from internal.scene import colmap
@@ -227,11 +228,6 @@ def false_colors(evidence: Evidence) -> Picture:
     return (np.array([b.rgb for b in LEGEND], np.float32) / 255.0)[place]
 
 
-def legend_html(bands: Sequence[Band] = LEGEND) -> str:
+def legend_html() -> str:
     """A coloured square and a meaning in each line."""
-    style = "display:inline-block;width:1em;height:1em;margin-right:.5em"
-    return "".join(
-        f'<div><span style="{style};background:rgb{band.rgb}"></span>'
-        f"{html.escape(band.meaning)}</div>"
-        for band in bands
-    )
+    return templates.fill(Path(__file__).with_name("legend.html"), bands=LEGEND)

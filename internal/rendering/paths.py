@@ -176,7 +176,7 @@ def through(
     return np.concatenate([spline(times).as_matrix(), positions[..., None]], axis=-1)
 
 
-def from_json(path: Path) -> Float[np.ndarray, "n 3 4"]:
+def read_poses(path: Path) -> Float[np.ndarray, "n 3 4"]:
     """Reads a camera path, such as nerfstudio's viewer exports.
 
     The file holds ``{"camera_path": [{"camera_to_world": M}, ...]}``: M is a
@@ -206,13 +206,13 @@ def from_json(path: Path) -> Float[np.ndarray, "n 3 4"]:
     return np.stack(matrices)[:, :3]
 
 
-def to_json(
+def write_poses(
     path: Path,
     camtoworlds: Float[np.ndarray, "n 3 4"],
     fps: int,
     facts: Mapping[str, Any] | None = None,
 ) -> None:
-    """Writes what ``from_json`` reads, and ``fps``, atomically.
+    """Writes what ``read_poses`` reads, and ``fps``, atomically.
 
     Args:
         camtoworlds: in the frame of the scene's pose file.

@@ -35,6 +35,6 @@ def path_cameras(scene: Scene, render: RenderConfig) -> Cameras:
     elif path == "views":
         poses = paths.along_views(camtoworlds, render.frames)
     else:
-        poses = scene.model_from_world.poses(paths.from_json(Path(path)))
+        poses = scene.model_from_world.poses(paths.read_poses(Path(path)))
     first = scene.cameras.take(np.zeros(len(poses), np.int32))
     return dataclasses.replace(first, camtoworlds=poses.astype(np.float32))

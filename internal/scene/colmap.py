@@ -231,7 +231,7 @@ def read_model(folder: Path) -> Reconstruction:
     Raises:
         UserError: files are missing or broken, or no image is registered.
     """
-    model = colmap_files.read_files(folder)
+    model = colmap_files.read_stored(folder)
     images = model.images
     if not images:
         raise UserError(

@@ -81,7 +81,7 @@ def _endings(folder: Path) -> list[str]:
     ]
 
 
-def read_files(folder: Path) -> StoredModel:
+def read_stored(folder: Path) -> StoredModel:
     """Reads a model.
 
     Raises:

@@ -67,7 +67,7 @@ def find_sighted(data_dir: Path, names: Sequence[str]) -> dict[int, Sighted]:
     folder = colmap.find_model(data_dir)
     if folder is None:
         return {}
-    model = colmap_files.read_files(folder)
+    model = colmap_files.read_stored(folder)
     images = {image.name: image for image in model.images}
     found: dict[int, Sighted] = {}
     for name, stored in match_by_name(names, tuple(images)).items():
@@ -80,7 +80,7 @@ def find_sighted(data_dir: Path, names: Sequence[str]) -> dict[int, Sighted]:
     return found
 
 
-def measure(
+def measure_gains(
     sighted: Mapping[int, Sighted],
     read: Callable[[int], Float[np.ndarray, "_height _width 3"]],
     count: int,

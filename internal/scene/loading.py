@@ -333,7 +333,7 @@ def _measured_gains(
             return np.zeros((1, 1, 3), np.float32)
 
     seen = {view: sighted[view] for view in paths}
-    return exposures.measure(seen, read, len(names)).gains
+    return exposures.measure_gains(seen, read, len(names)).gains
 
 
 def load_gains(data_dir: Path, image_paths: Sequence[Path]) -> Float[np.ndarray, "n 3"]:

@@ -140,7 +140,7 @@ def hatched(
     return np.where(mask[..., None], srgb, np.float32(stripes[..., None]))
 
 
-def describe(masks: Sequence[Mask]) -> str:
+def count_masked(masks: Sequence[Mask]) -> str:
     """How many photos and pixels are masked."""
     masked = sum(not mask.all() for mask in masks)
     share = 100.0 * masked_share(masks)
@@ -156,7 +156,7 @@ def masked_share(masks: Sequence[Mask]) -> float:
 def report(masks: Sequence[Mask]) -> None:
     """Prints how much is masked, where anything is."""
     if masks:
-        print(f"  masks: {describe(masks)}")
+        print(f"  masks: {count_masked(masks)}")
         if masked_share(masks) > MOST:
             print(
                 "WARNING: masks cover more than half of the pixels. Black is ignored, "

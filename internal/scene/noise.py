@@ -131,7 +131,7 @@ def noise_of_files(
 def estimate_noise(photos: Sequence[Float[np.ndarray, "_height _width 3"]]) -> Noise:
     """The noise of photos, sRGB in [0, 1], NaN where they do not count."""
     channels = [[255.0 * photo[..., c] for photo in photos] for c in range(3)]
-    return fit([measure(channel) for channel in channels])
+    return fit_noise([measure_noise(channel) for channel in channels])
 
 
 def noise_level(picture: Float[np.ndarray, "height width *channels"]) -> float:
@@ -144,7 +144,7 @@ def noise_level(picture: Float[np.ndarray, "height width *channels"]) -> float:
     return float(np.median(np.abs(answer)) / _GAUSSIAN_MAD)
 
 
-def measure(
+def measure_noise(
     channel: Sequence[Float[np.ndarray, "_height _width"]],
 ) -> Measured:
     """Mean level and noise variance, of dark to bright parts of photos in levels.
@@ -169,7 +169,7 @@ def measure(
     )
 
 
-def fit(channels: Sequence[Measured]) -> Noise:
+def fit_noise(channels: Sequence[Measured]) -> Noise:
     """The noise whose ``expectation`` is nearest to what the channels show.
 
     Channels are one sensor's: a gain turns photons into light, so that growth is the

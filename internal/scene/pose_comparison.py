@@ -25,7 +25,7 @@ class Difference:
     centres: Float[np.ndarray, " n"]  # over the diagonal of the box around them
 
 
-def compare(
+def compare_poses(
     camtoworlds: Float[np.ndarray, "n 3 4"], reference: Float[np.ndarray, "n 3 4"]
 ) -> Difference:
     """Differences of two or more cameras after the best similarity."""
@@ -60,7 +60,7 @@ def compare_scenes(scene: Path, reference: Path) -> str:
             f"{reference}: {len(common)} pictures named as in {scene}; expected at "
             "least 3 of the same names"
         )
-    difference = compare(
+    difference = compare_poses(
         ours.camtoworlds[[names[name] for name in common]],
         theirs.camtoworlds[[other[name] for name in common]],
     )

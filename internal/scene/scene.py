@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt16
 
 from internal.cameras import NODES, Cameras, Lens
-from internal.color import UINT16_ONE
+from internal.color import UINT16_ONE, from_uint16
 from internal.coord import Space
 from internal.errors import UserError
 from internal.files.picture_store import StoredPicture, hold
@@ -88,6 +88,14 @@ class Scene:
         """Which pixels of a view count."""
         lens = self.lenses[view]
         return self.masks[view] if self.masks else everything(lens.width, lens.height)
+
+    def photo(self, view: int) -> Float[np.ndarray, "_height _width 3"] | None:
+        """The dark photo of a view, sRGB in [0, 1], if it has one."""
+        return from_uint16(self.images[view]) if self.images else None
+
+    def true_photo(self, view: int) -> Float[np.ndarray, "_height _width 3"] | None:
+        """The normal-light truth of a view, sRGB in [0, 1], if it has one."""
+        return from_uint16(self.truth[view]) if view in self.truth else None
 
     def pixels(self, view: int) -> UInt16[np.ndarray, "_n 3"]:
         """The pixels of an image that count."""
@@ -201,16 +209,7 @@ def _lay_out(
             f"{data_dir}: {trained} training views of {len(is_test)}; expected at "
             "least 2: add photos, or hold out fewer for testing (Config.holdout)"
         )
-    near, far = config.near, config.far
-    is_given = bool(near and far)
-    known = None if is_given else known_bounds(files, lenses, ~is_test)
-    if find_points and not (is_given or known):
-        points = find_points(files, np.flatnonzero(~is_test).tolist())
-        files = dataclasses.replace(
-            files, points=points, points_source="points found in the photos"
-        )
-        known = known_bounds(files, lenses, ~is_test)
-    bounds = find_bounds(files, known, near, far)
+    files, bounds = _bound(config, files, lenses, ~is_test, find_points)
     warn_of_one_place(files, bounds)
     check_depths(files, lenses, bounds, ~is_test)
     frame = choose_frame(files, lenses, bounds, config.projection, config.end_at_far)
@@ -230,6 +229,26 @@ def _lay_out(
         gains_source,
         masks,
     )
+
+
+def _bound(
+    config: SceneConfig,
+    files: SceneFiles,
+    lenses: tuple[Lens, ...],
+    is_train: Bool[np.ndarray, " n"],
+    find_points: FindPoints | None,
+) -> tuple[SceneFiles, Bounds]:
+    """Near and far, and the files with the points that were found if nothing else told
+    them."""
+    is_given = bool(config.near and config.far)
+    known = None if is_given else known_bounds(files, lenses, is_train)
+    if find_points and not (is_given or known):
+        points = find_points(files, np.flatnonzero(is_train).tolist())
+        files = dataclasses.replace(
+            files, points=points, points_source="points found in the photos"
+        )
+        known = known_bounds(files, lenses, is_train)
+    return files, find_bounds(files, known, config.near, config.far)
 
 
 def _load(

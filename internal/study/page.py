@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from internal.errors import UserError
-from internal.files import image_io
+from internal.files import image_io, templates
 from internal.files.listing import flat_pngs, list_pictures
 from internal.scene.pairing import pair_by_name
 
@@ -75,9 +75,8 @@ def write_study(
     ]
     content = json.dumps({"a": names[0], "pairs": pairs})
     identity = hashlib.sha256(content.encode()).hexdigest()[:8]
-    study = json.dumps({"id": identity, "a": names[0], "pairs": pairs})
-    page = TEMPLATE.read_text(encoding="utf-8")
-    page = page.replace("__STUDY__", study.replace("<", "\\u003c"))
+    study = {"id": identity, "a": names[0], "pairs": pairs}
+    page = templates.fill(TEMPLATE, study=study)
     (folder / "index.html").write_text(page, encoding="utf-8")
     return {"views": float(len(views)), "pairs": float(len(pairs))}
 

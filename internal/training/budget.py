@@ -40,7 +40,7 @@ class StepTimes:
     compilation: float
 
 
-def fit(
+def fit_schedule(
     config: Config,
     own: Config | None,
     log: Sequence[Mapping[str, Any]],
@@ -133,7 +133,7 @@ def stretch(config: Config, seconds: float, times: StepTimes) -> Config:
     )
 
 
-def measure(
+def time_steps(
     config: Config,
     scene: Scene,
     model: Model,

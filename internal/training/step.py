@@ -314,7 +314,7 @@ def check_finite(stats: StepStats | None, step: int) -> None:
     )
 
 
-def summarize(stats: StepStats) -> dict[str, float]:
+def log_numbers(stats: StepStats) -> dict[str, float]:
     """A step's numbers for logs: psnr, loss/*, grad_norm/*."""
     numbers = {"psnr": stats.psnr}
     numbers |= {f"loss/{name}": x for name, x in stats.terms.items()}
@@ -323,7 +323,7 @@ def summarize(stats: StepStats) -> dict[str, float]:
 
 
 def bar_line(numbers: dict[str, float], shown: tqdm, rays_per_step: int) -> str:
-    """PSNR, rays per second and loss terms of ``summarize``, for the bar of steps."""
+    """PSNR, rays per second and loss terms of ``log_numbers``, for the bar of steps."""
     rate = shown.format_dict["rate"]
     if not rate:
         rate = (shown.n - shown.initial) / max(shown.format_dict["elapsed"], 1e-3)

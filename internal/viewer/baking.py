@@ -29,7 +29,7 @@ from internal.rendering.evidence import shrink
 from internal.rendering.renderer import assemble
 from internal.scene.masks import resize_mask
 from internal.scene.scene import Scene, posed_cameras
-from internal.viewer.splats import Baked, Recolor, exported, recolorer
+from internal.viewer.lit_splats import Baked, Recolor, exported, recolorer
 from internal.viewer.studio import Studio
 from internal.viewer.trained import Trained
 
@@ -89,7 +89,7 @@ class Bakery:
         self._end(None)
 
     def urgency(self) -> int:
-        """See ``jobs.Runnable``."""
+        """See ``chunked_jobs.Runnable``."""
         return 1
 
     def step(self) -> None:
@@ -159,7 +159,7 @@ class Bakery:
         density = make_density(self._studio.model, trained.params, 1.0 / CELLS)
         splats = bake.place(scene, seen[: views[0]], density, self._count, LOOK)
         targets = bake.targets_of(scene, seen, LOOK)
-        fitted = bake.fit(splats, targets, bake.STEPS, bake.RATES)
+        fitted = bake.fit_splats(splats, targets, bake.STEPS, bake.RATES)
         for number, fit in enumerate(fitted):
             splats = fit
             yield (len(seen) + number) / total

@@ -31,7 +31,7 @@ class Split:
     split: float = 0.5  # of the width
 
 
-def draw(
+def compose(
     rendering: Rendering | LitRendering,
     display: Display,
     choice: Split,

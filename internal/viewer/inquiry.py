@@ -10,7 +10,7 @@ from internal.enhancements.look import NEUTRAL, LightEdit
 from internal.rendering import evidence
 from internal.scene.scene import Scene
 from internal.structs import LitRendering, Rendering
-from internal.viewer.jobs import Series, Task
+from internal.viewer.chunked_jobs import Series, Task
 from internal.viewer.sharing import Errand, Turns
 from internal.viewer.trained import Trained
 

@@ -36,6 +36,12 @@ MOSTLY = 0.5  # of a picture
 STILL = 0.15  # seconds without a step after which one who walks on splats stands
 FIRST = 2.0  # seconds at most that all else waits for the first picture
 Click = tuple[float, tuple[float, float]]  # seconds, and where in the picture
+HOW_TO_MOVE = (
+    "**drag** to turn about the middle, **right-drag** or two fingers to move, "
+    "**scroll** or pinch to come nearer, **W A S D** to walk, Q and E down and up, "
+    "**double-click** to look at something. Click a photo's frame to stand where it "
+    "was taken."
+)
 DOUBLE = 0.5, 0.02  # seconds and shares of the picture that two clicks are apart
 
 
@@ -68,17 +74,11 @@ class Panel:
         self._border = Border(client, distance=self._frustums.size)
         gui, guarded = client.gui, guard(self.say)
         self._guarded, self._has_shown = guarded, threading.Event()
-        gui.add_markdown(
-            f"**{studio.scene.name}**: **drag** to turn about the middle, "
-            "**right-drag** or two fingers to move, **scroll** or pinch to come "
-            "nearer, **W A S D** to walk, Q and E down and up, **double-click** to "
-            "look at something. Click a photo's frame to stand where it was taken."
-        )
+        gui.add_markdown(f"**{studio.scene.name}**: {HOW_TO_MOVE}")
         self._status = gui.add_markdown("waiting for the first picture ...")
         self._place = gui.add_markdown("")
-        back = gui.add_button("Back to the nearest photo", visible=False)
-        self._back = back
-        back.on_click(guarded(self._go_back))
+        self._back = gui.add_button("Back to the nearest photo", visible=False)
+        self._back.on_click(guarded(self._go_back))
         self.walk = Walk(client, bakery, session, guarded)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Light"):

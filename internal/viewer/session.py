@@ -28,9 +28,9 @@ from internal.rendering.surfaces import surface_points
 from internal.scene.colmap import directions_at, lens_directions
 from internal.structs import LitRendering, Rendering
 from internal.viewer import takes
-from internal.viewer.canvas import PHOTO, Split, draw, photo_through
+from internal.viewer.canvas import PHOTO, Split, compose, photo_through
+from internal.viewer.chunked_jobs import Series
 from internal.viewer.free_camera import COARSE_PIXELS, PIXELS, FreeCamera, single_camera
-from internal.viewer.jobs import Series
 from internal.viewer.sharing import Errand
 from internal.viewer.studio import Studio
 from internal.viewer.trained import Trained
@@ -246,7 +246,7 @@ class Session:
         Errand(job, self._studio.turns, self._say)
 
     def urgency(self) -> int:
-        """See ``jobs.Runnable``."""
+        """See ``chunked_jobs.Runnable``."""
         with self._lock:
             job = self._job
             if self._redraw or self._wanted or (job and not job.delivered):
@@ -307,7 +307,7 @@ class Session:
             return
         lit = self._relit(shown, self.look)
         others = self._others(shown, self.choice)
-        picture = draw(lit, shown.trained.display, self.choice, others)
+        picture = compose(lit, shown.trained.display, self.choice, others)
         times = self._times
         elapsed = times[-1] - times[0]
         frames_per_second = (len(times) - 1) / elapsed if elapsed > 0.0 else 0.0

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 
 from internal.errors import one_line
-from internal.viewer.jobs import Runnable, Series
+from internal.viewer.chunked_jobs import Runnable, Series
 
 
 class Turns:
@@ -77,7 +77,7 @@ class Errand:
         turns.join(self)
 
     def urgency(self) -> int:
-        """See ``jobs.Runnable``."""
+        """See ``chunked_jobs.Runnable``."""
         return 1
 
     def step(self) -> None:

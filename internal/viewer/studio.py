@@ -23,6 +23,7 @@ from internal.scene import colmap
 from internal.scene.scene import Scene
 from internal.structs import LitRendering, Params, Rendering
 from internal.training.checkpoints import Checkpoints, load_trained
+from internal.viewer.chunked_jobs import Speedometer, Task
 from internal.viewer.free_camera import (
     COARSE_PIXELS,
     FreeCamera,
@@ -30,7 +31,6 @@ from internal.viewer.free_camera import (
     vertical_fov,
 )
 from internal.viewer.inquiry import Inquiry
-from internal.viewer.jobs import Speedometer, Task
 from internal.viewer.sharing import Turns
 from internal.viewer.trained import Trained
 

@@ -60,7 +60,7 @@ def write_snapshot(
     }
     image_io.write(path, picture)
     world = in_world(scene, shot.camtoworld[None])
-    paths.to_json(path.with_suffix(".json"), world, fps=1, facts=facts)
+    paths.write_poses(path.with_suffix(".json"), world, fps=1, facts=facts)
     return path
 
 
@@ -78,7 +78,7 @@ def write_path(
         )
     ensure_folder(folder)
     path = folder / f"{name}.json"
-    paths.to_json(path, in_world(scene, camtoworlds), fps)
+    paths.write_poses(path, in_world(scene, camtoworlds), fps)
     return path
 
 

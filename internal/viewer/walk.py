@@ -103,7 +103,7 @@ class Walk:
                 self._hide()
 
     def urgency(self) -> int:
-        """See ``jobs.Runnable``."""
+        """See ``chunked_jobs.Runnable``."""
         wanted = look_shown(self._session.choice, self._session.look)
         return 2 * (self._handle is not None and wanted not in (None, self._look))
 

@@ -33,7 +33,7 @@ def read_files(
     Raises:
         UserError: the folder is missing, is no scene of that format, or is broken.
     """
-    flags.check_scene(data_dir)
+    flags.check_folder(data_dir)
     names = [reader.name for reader in READERS]
     if dataset_loader not in ("auto", *names):
         raise UserError(

@@ -15,7 +15,7 @@ import numpy as np
 from internal.comparison.jobs import Result, Results
 from internal.files import atomic
 from internal.pages.pages import Table
-from internal.pages.tables import as_latex, as_text, write_csv
+from internal.pages.tables import as_latex, as_markdown, write_csv
 from internal.scoring.evaluation import LOWER_IS_BETTER
 
 RESULTS = "results.json"
@@ -50,7 +50,7 @@ def write_tables(out: Path, results: Results) -> str:
     atomic.write_text(out / RESULTS, json.dumps(content, indent=2) + "\n")
     blocks = _blocks(results)
     bold = [_table(scene, rows, bold=True) for scene, rows in blocks.items()]
-    markdown = "\n\n".join(f"## {t.heading}\n\n{as_text(t)}" for t in bold)
+    markdown = "\n\n".join(f"## {t.heading}\n\n{as_markdown(t)}" for t in bold)
     atomic.write_text(out / "table.md", f"{TEXT}\n\n{markdown}\n")
     latex = "\n\n".join(map(as_latex, bold))
     atomic.write_text(out / "table.tex", latex + "\n")

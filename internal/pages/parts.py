@@ -3,11 +3,13 @@
 
 import shlex
 import sys
+import urllib.parse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from internal.configs import ModelConfig
-from internal.pages import charts, pages, sliders
+from internal.files import templates
+from internal.pages import charts, pages
 from internal.rendering import evidence
 from internal.scoring import evaluation
 from internal.training import run_folder
@@ -19,15 +21,18 @@ Media = Mapping[str, Sequence[tuple[str, str]]]  # by output: (path, view)
 
 def compare_outputs(media: Media, right: str) -> pages.Markup:
     """A slider between any two outputs of any view: input and ``right`` at first."""
-    by_view: dict[str, dict[str, str]] = {}
+    urls: dict[str, dict[str, str]] = {}  # by view, then output
     order = ("input", right, "truth")
-    for output in sorted(media, key=lambda o: (*order, o).index(o)):
+    outputs = sorted(media, key=lambda o: (*order, o).index(o))
+    for output in outputs:
         for path, view in media[output]:
-            by_view.setdefault(view, {})[output] = path
-    return sliders.comparison(
-        "Compare", "Drag the border. Each side can show any output.", by_view,
-        "input", right,
+            urls.setdefault(view, {})[output] = urllib.parse.quote(path)
+    html = templates.fill(
+        pages.ASSETS / "slider.html", urls=urls, outputs=outputs, left="input",
+        right=right,
     )  # fmt: skip
+    text = "Drag the border. Each side can show any output."
+    return pages.Markup("Compare", text, html)
 
 
 def about_masks(masked: Mapping[str, float], views: int) -> str:
@@ -83,14 +88,14 @@ def pictures_in(root: Path, folder: Path, before: str = "") -> list[tuple[str, s
     ]
 
 
-def training_parts(run: Path) -> list[pages.Markup]:
+def training_parts(run: Path) -> list[pages.Part]:
     """Curves, command and configuration of a run, as far as its folder holds them."""
-    parts = training_curves("Training", {"": run})
+    parts: list[pages.Part] = [*training_curves("Training", {"": run})]
     for heading, name in (("Command", "command.txt"), ("Configuration", "config.json")):
         if (run / name).is_file():
             text = f"{name} of the run: what trained this model."
             content = (run / name).read_text()
-            parts.append(pages.preformatted(heading, text, content))
+            parts.append(pages.Verbatim(heading, text, content))
     return parts
 
 
@@ -121,10 +126,10 @@ def links_to_models(
     return pages.Section(heading, text, media)
 
 
-def this_command() -> pages.Markup:
+def this_command() -> pages.Verbatim:
     """The command that makes the page."""
     text = "What made this page; run again, it does what is missing."
-    return pages.preformatted("Command", text, f"python {shlex.join(sys.argv)}")
+    return pages.Verbatim("Command", text, f"python {shlex.join(sys.argv)}")
 
 
 def _read_curves(run: Path) -> dict[str, charts.Curve]:

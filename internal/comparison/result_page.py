@@ -4,9 +4,9 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from internal.comparison import jobs, tables
+from internal.comparison import jobs, score_tables
 from internal.comparison.jobs import Result, Results
-from internal.pages import pages, report
+from internal.pages import pages, parts
 
 
 def write_page(out: Path, results: Results, figures: Sequence[Path]) -> Path:
@@ -26,18 +26,18 @@ def write_page(out: Path, results: Results, figures: Sequence[Path]) -> Path:
     return pages.write_index(
         out,
         "Comparison of methods",
-        tables.TEXT,
+        score_tables.TEXT,
         [
-            *tables.tables(results),
-            report.compare_outputs(media, methods[-1] if methods else "input"),
+            *score_tables.tables(results),
+            parts.compare_outputs(media, methods[-1] if methods else "input"),
             pages.Section("Figures", "The first test view of a scene.", figure_media),
             *(
                 part
                 for scene, rows in results.items()
                 for part in _trainings(out, scene, rows)
             ),
-            report.this_command(),
-            pages.preformatted("Scenes and bindings", "Of all trainings.", settings),
+            parts.this_command(),
+            pages.Verbatim("Scenes and bindings", "Of all trainings.", settings),
         ],
     )
 
@@ -57,24 +57,22 @@ def slider_media(
         shown |= {
             f"{name}: {part}": (row, part)
             for name, row in rows.items()
-            for part in report.parts_in(out / row.folder)
+            for part in parts.parts_in(out / row.folder)
         }
         for output, (result, kind) in shown.items():
             folder = result.pictures(out, kind)
             before = f"{jobs.scene_name(data_dir)}: "
-            media.setdefault(output, []).extend(report.pictures_in(out, folder, before))
+            media.setdefault(output, []).extend(parts.pictures_in(out, folder, before))
     return {output: listed for output, listed in media.items() if listed}
 
 
-def _trainings(
-    out: Path, scene: str, rows: Mapping[str, Result]
-) -> list[pages.Markup | pages.Section]:
+def _trainings(out: Path, scene: str, rows: Mapping[str, Result]) -> list[pages.Part]:
     """Curves of a scene's models, and links to their own pages."""
     models = {name: out / row.folder for name, row in rows.items() if row.trained}
     if not models:
         return []
     runs = {name: folder.parent for name, folder in models.items()}
     return [
-        *report.training_curves(f"Training on {scene}", runs),
-        report.links_to_models(f"Models of {scene}", out, models),
+        *parts.training_curves(f"Training on {scene}", runs),
+        parts.links_to_models(f"Models of {scene}", out, models),
     ]
