@@ -98,6 +98,7 @@ class RenderConfig(Look):
     frames: int = 120
     fps: int = 30
     chunk: int = 4096  # rays per call; lower it when memory runs out
+    sample_shares: tuple[float, ...] = ()  # of Model.num_samples; (): all of each
 
 
 @configurable("Config")
@@ -270,6 +271,10 @@ def _check(config: Config) -> None:
         "Config.factor >= 1": config.factor >= 1,
         "Model.num_samples: one or more positive counts": len(model.num_samples) > 0
         and min(model.num_samples) > 0,
+        "Render.sample_shares: () or a positive one for each of Model.num_samples": (
+            len(config.render.sample_shares) in (0, len(model.num_samples))
+            and min(config.render.sample_shares, default=1.0) > 0.0
+        ),
         "Model.ray_shape: auto, cone or cylinder": model.ray_shape
         in ("auto", "cone", "cylinder"),
         "Losses.observation: ideal or noisy": config.losses.observation

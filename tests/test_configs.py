@@ -52,6 +52,8 @@ def test_later_bindings_win_and_do_not_leak_into_the_next_load():
         ("MLP.width = 'wide'", "width"),
         ("Model.num_samples = [1, 2]", "num_samples"),
         ("MLP.width = ", "parse"),
+        ("Render.sample_shares = (0.5,)", "sample_shares"),
+        ("Render.sample_shares = (0.0, 1.0)", "sample_shares"),
         ("Model.ray_shape = 'square'", "ray_shape"),
         ("Losses.observation = 'lucky'", "observation"),
         ("Config.factor = 0", "factor"),

@@ -49,6 +49,18 @@ def trained_state(run):
     return load_trained(config, parallel.data_mesh(jax.device_count()))[1]
 
 
+def test_pictures_take_their_shares_of_the_samples_of_the_same_model(run):
+    own = [*TINY_MODEL, f"Config.checkpoint_dir = {str(run)!r}"]
+    mesh = parallel.data_mesh(jax.device_count())
+    whole, _ = load_trained(load_config([], own), mesh)
+    assert whole.config.num_samples == (6, 7)
+    halved = load_config([], [*own, "Render.sample_shares = (0.5, 0.01)"])
+    model, _ = load_trained(halved, mesh)
+    assert model.config.num_samples == (3, 1)
+    same = dataclasses.replace(model.config, num_samples=(6, 7))
+    assert same == whole.config == halved.model
+
+
 @pytest.fixture
 def scene(night):
     return night

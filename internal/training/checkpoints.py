@@ -8,6 +8,7 @@ counts as saved, and its files' checksums are kept beside it (``N.json`` of step
 disk or a copy that changes a bit of a parameter is noticed before anything is loaded.
 """
 
+import dataclasses
 import json
 import logging
 import zlib
@@ -189,7 +190,8 @@ def _shapes(params: Any) -> dict[str, tuple[int, ...]]:
 
 
 def load_trained(config: Config, mesh: Mesh) -> tuple[Model, TrainState]:
-    """The configured model with its newest checkpoint, for rendering.
+    """The configured model with its newest checkpoint, for rendering: with
+    ``Render.sample_shares`` of its samples.
 
     Raises:
         UserError: there is no checkpoint, its model has another shape, or it holds
@@ -207,4 +209,7 @@ def load_trained(config: Config, mesh: Mesh) -> tuple[Model, TrainState]:
             f"{folder}: the model of step {int(state.step)} is not finite: training "
             "diverged; train anew with a lower Optimizer.lr_init"
         )
-    return model, state
+    counts = config.model.num_samples
+    shares = config.render.sample_shares or (1.0,) * len(counts)
+    fewer = [max(round(n * s), 1) for n, s in zip(counts, shares, strict=True)]
+    return Model(dataclasses.replace(config.model, num_samples=tuple(fewer))), state
