@@ -98,7 +98,9 @@ def end_at_mean(averaged: int, max_steps: int) -> optax.GradientTransformation:
         state = jax.lax.cond(step > max_steps - averaged, add, lambda s: s, state)
         updates = jax.lax.cond(
             step == max_steps,
-            lambda: jax.tree.map(lambda t, p: t / state.count - p, state.total, params),
+            lambda: jax.tree.map(
+                lambda t, p: t / state.count.astype(t.dtype) - p, state.total, params
+            ),
             lambda: updates,
         )
         return updates, state
