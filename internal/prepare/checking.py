@@ -34,6 +34,7 @@ from internal.scene.loading import (
     find_truth,
     fit_lenses,
     held_out,
+    measured_exposures,
 )
 from internal.scene.plausible import cloud_fault
 from internal.scene.readers.base import POINTS_OF_MODEL, SceneFiles
@@ -76,7 +77,8 @@ def check_scene(data_dir: Path, folder: Path) -> Report:
         error_kind="median epipolar error",
         misplaced=tuple(files.names[view] for view in wrong),
         sharpness=dict(zip(files.names, relative.tolist(), strict=True)),
-        exposures=exposures.measure_gains(
+        exposures=measured_exposures(data_dir, files, np.ones(count, bool))
+        or exposures.measure_gains(
             _sighted(copies, pixels),
             lambda view: image_io.read_srgb(files.image_paths[view], files.upright),
             count,

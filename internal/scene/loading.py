@@ -297,22 +297,30 @@ def find_gains(
         paths = [files.image_paths[view] for view in np.flatnonzero(has_photo)]
         gains[has_photo] = load_gains(data_dir, paths)
         return gains, GAINS_FILE
+    found = measured_exposures(data_dir, files, has_photo)
+    if found is None:
+        return gains, ""
+    return found.gains.astype(np.float32), "measured at points that photos share"
+
+
+def measured_exposures(
+    data_dir: Path, files: SceneFiles, has_photo: Bool[np.ndarray, " n"]
+) -> exposures.Exposures | None:
+    """Exposures of the photos at points that the scene's COLMAP model says they share;
+    None where it says nothing. Shows progress the first time."""
     photos = tuple(
         (view, path, path.stat().st_mtime_ns)
         for view, path in enumerate(files.image_paths)
         if has_photo[view]
     )
-    found = _measured_gains(data_dir, files.names, photos)
-    if found is None:
-        return gains, ""
-    return found.astype(np.float32), "measured at points that photos share"
+    return _measured(data_dir, files.names, photos)
 
 
 @functools.lru_cache(maxsize=1)  # scripts load both splits of a scene
-def _measured_gains(
+def _measured(
     data_dir: Path, names: tuple[str, ...], photos: tuple[tuple[int, Path, int], ...]
-) -> Float[np.ndarray, "n 3"] | None:
-    """Gains of the views of these names, by points that a COLMAP model says they share.
+) -> exposures.Exposures | None:
+    """``measured_exposures``, once as long as nothing changes.
 
     Args:
         photos: view, file and time of change of each photo.
@@ -333,7 +341,7 @@ def _measured_gains(
             return np.zeros((1, 1, 3), np.float32)
 
     seen = {view: sighted[view] for view in paths}
-    return exposures.measure_gains(seen, read, len(names)).gains
+    return exposures.measure_gains(seen, read, len(names))
 
 
 def load_gains(data_dir: Path, image_paths: Sequence[Path]) -> Float[np.ndarray, "n 3"]:
