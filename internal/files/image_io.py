@@ -38,6 +38,7 @@ ASSOCIATED_FORMATS = ("tiff", "openexr")
 UNSET_FORMATS = ("bmp", "targa")
 PAGED_FORMATS = ("tiff", "gif")
 FLOATS = ("float", "half", "double")
+LONG = ("int", "uint", "int64", "uint64")
 MOVING = "a moving picture; save its frames as photos"
 COLOR_KEYS = ("jpeg:ColorSpace", "tiff:ColorSpace")
 PRINT_COLORS = ("CMYK", "YCCK", "CIELAB", "ICCLAB", "ITULAB")
@@ -150,6 +151,19 @@ def read_size(path: Path, upright: bool = True) -> tuple[int, int]:
         spec = file.spec()
     turned = upright and _orientation(path, spec) in TRANSPOSED
     return (spec.height, spec.width) if turned else (spec.width, spec.height)
+
+
+def is_deep(path: Path) -> bool:
+    """Whether the file stores integers of 16 bits.
+
+    Raises:
+        UserError: as ``read_srgb``, as far as the header tells.
+    """
+    _check_kind(path)
+    if heif.is_heif(path):
+        return False
+    with _open(path) as file:
+        return str(file.spec().format) == "uint16"
 
 
 def read_exif(path: Path) -> Exif:
@@ -384,6 +398,11 @@ def _fault(kind: str, spec: oiio.ImageSpec) -> str:
         return (
             f"numbers of floating point in a {kind} file, which may be light or sRGB; "
             "save light as EXR, sRGB with 8 or 16 bits"
+        )
+    if str(spec.format) in LONG:
+        return (
+            "integers of 32 bits, of which nothing tells how many they use; save it "
+            "with 8 or 16 bits"
         )
     size = spec.full_width, spec.full_height
     if kind == "openexr" and (spec.width, spec.height) != size:

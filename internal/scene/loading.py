@@ -8,8 +8,9 @@ import dataclasses
 import functools
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt16
@@ -355,11 +356,7 @@ def load_gains(data_dir: Path, image_paths: Sequence[Path]) -> Float[np.ndarray,
     path = data_dir / GAINS_FILE
     try:
         stored = json.loads(path.read_text())["gains"]
-        rows = []
-        for photo in map(Path.as_posix, image_paths):
-            own = [name for name in stored if photo.endswith(f"/{name}")]
-            rows.append(stored[max(own, key=len)])
-        gains = np.array(rows, np.float32)
+        gains = np.array([_own_gain(stored, path) for path in image_paths], np.float32)
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise UserError(
             f"{path}: no gain for every photo ({error!r}); run prepare.py again, "
@@ -375,29 +372,45 @@ def load_gains(data_dir: Path, image_paths: Sequence[Path]) -> Float[np.ndarray,
     return gains
 
 
+def _own_gain(stored: Mapping[str, Any], photo: Path) -> Any:
+    """The gain under the longest end of a photo's path that has one."""
+    parts = photo.parts[1:] if photo.is_absolute() else photo.parts
+    for start in range(len(parts)):
+        if (end := "/".join(parts[start:])) in stored:
+            return stored[end]
+    raise KeyError(photo.name)
+
+
 def load_truth(
     path: Path, dark_path: Path, lens: Lens, mask: Mask, upright: bool
 ) -> UInt16[np.ndarray, "_h _w 3"]:
     """A normal-light twin at the size of the dark picture's lens, black where masked.
 
     Where the dark pictures are taken as stored, so is a twin whose stored pixels
-    have their shape; another lost its orientation or got one: it is taken upright.
+    have their shape; another lost its orientation or got one: it is taken upright. A
+    larger twin of their shape is brought to their size.
 
     Raises:
-        UserError: the sizes differ by more than one pixel.
+        UserError: it is smaller than the dark picture, or of another shape, by more
+            than one pixel.
     """
     as_stored = not upright and _has_shape(*image_io.read_size(path, False), lens)
     truth = blackened(image_io.read_srgb(path, not as_stored), mask)
     height, width, _ = truth.shape
     dark_width, dark_height = image_io.read_size(dark_path, upright)
     difference = max(abs(width - dark_width), abs(height - dark_height))
-    if difference > 1:
+    if width > dark_width + 1 and _has_shape(width, height, lens):
+        say_once(
+            f"{path.parent}: truth of {width}x{height} pixels is brought to the "
+            f"{dark_width}x{dark_height} of its photos by area average"
+        )
+    elif difference > 1:
         raise UserError(
             f"{path}: {width}x{height} pixels, but the dark {dark_path} has "
             f"{dark_width}x{dark_height}; truth must show the same pixels: "
             "resize it or point Config.gt_dir elsewhere"
         )
-    if difference == 1:
+    elif difference == 1:
         print(f"warning: {path}: one pixel off {dark_path}; resized to its size")
     return color.to_uint16(_fit(truth, lens))
 

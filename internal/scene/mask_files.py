@@ -3,6 +3,7 @@
 found by name in a folder ``masks``, as COLMAP and nerfstudio lay them out.
 
 The mask of ``1.jpg`` is ``1.png`` or ``1.jpg.png``; ``masks.py`` says what is in it.
+Those of instant-ngp, ``dynamic_mask_1.png`` beside ``1.jpg``, mean the opposite.
 """
 
 import re
@@ -14,6 +15,7 @@ from internal.errors import UserError
 from internal.files.listing import (
     composed,
     find_pictures,
+    is_file,
     list_files,
     list_pictures,
     say_once,
@@ -23,6 +25,7 @@ from internal.scene.pairing import match_by_name
 FOLDER = "masks"
 ALIKE = re.compile(r"(images?[ _-]?)?masks?|masks?[ _-]images?")
 SHOWN = 10  # names in a message
+HIDING = "dynamic_mask_"  # instant-ngp's: what is black in it counts
 
 
 def find_masks(
@@ -50,6 +53,12 @@ def find_masks(
     for masks in dict.fromkeys(masks for masks, _ in places if masks):
         found[masks] = pair_masks([n for m, n in places if m == masks], masks)
     return tuple(found[m].get(name) if m else None for m, name in places)
+
+
+def find_hiding(photos: Sequence[Path]) -> tuple[Path | None, ...]:
+    """instant-ngp's mask of each photo, None for photos without."""
+    paths = [photo.with_name(f"{HIDING}{photo.stem}.png") for photo in photos]
+    return tuple(path if is_file(path) else None for path in paths)
 
 
 def _name_alike(data_dir: Path) -> None:

@@ -2,7 +2,8 @@
 """Masks: which pixels of a photo count. The others are neither trained, metered nor
 scored.
 
-A mask is a picture, black where the photo is ignored (``mask_files`` finds it). A
+A mask is a picture, black where the photo is ignored (``mask_files`` finds it), or the
+other way round where a scene's masks hide. A
 photo's own alpha is one too: what is not opaque is ignored, but in Blender's scenes,
 whose transparent pixels are known to be empty. In memory a mask is bool, True where the
 pixel counts; it follows the photo to any size, where a pixel counts if all counts that
@@ -71,7 +72,8 @@ def read_mask(files: SceneFiles, view: int) -> Mask:
     width, height = image_io.read_size(photo, files.upright)
     mask = everything(width, height)
     if path:
-        mask = mask & _read(path, photo, (width, height), files.upright)
+        counts = _read_hiding if files.masks_hide else _read
+        mask = mask & counts(path, photo, (width, height), files.upright)
     return mask & opaque(files, view)
 
 
@@ -177,6 +179,21 @@ def _read(path: Path, photo: Path, size: tuple[int, int], upright: bool) -> Mask
     edges nor what JPEG leaves around them count; in one that has none, whose values are
     numbers of classes, all but 0 counts.
     """
+    srgb = _read_shape(path, photo, size, upright)
+    least = 0.5 if srgb.max() > 0.5 else 0.0
+    return resize_mask(np.asarray((srgb > least).any(axis=-1)), *size)
+
+
+def _read_hiding(path: Path, photo: Path, size: tuple[int, int], upright: bool) -> Mask:
+    """A mask file of the other custom: all that is not black is ignored."""
+    srgb = _read_shape(path, photo, size, upright)
+    return resize_mask(np.asarray((srgb == 0.0).all(axis=-1)), *size)
+
+
+def _read_shape(
+    path: Path, photo: Path, size: tuple[int, int], upright: bool
+) -> Float[np.ndarray, "_h _w 3"]:
+    """The picture of a mask, which must have the shape of its photo."""
     srgb = image_io.read_srgb(path, upright)
     height, width = srgb.shape[:2]
     if not is_of_shape((width, height), size):
@@ -184,5 +201,4 @@ def _read(path: Path, photo: Path, size: tuple[int, int], upright: bool) -> Mask
             f"{path}: {width}x{height} pixels, but its photo {photo} has "
             f"{size[0]}x{size[1]}, another shape; make the mask from this photo"
         )
-    least = 0.5 if srgb.max() > 0.5 else 0.0
-    return resize_mask(np.asarray((srgb > least).any(axis=-1)), *size)
+    return srgb

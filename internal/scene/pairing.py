@@ -41,9 +41,11 @@ def find_input_folder(data_dir: Path, images_dir: str) -> Path:
         if folder.is_dir():
             return folder
     looked_for = images_dir or f"images, {DARK_FOLDER} or images_N"
+    there = sorted(path.name for path in data_dir.iterdir() if path.is_dir())
     raise UserError(
-        f"{data_dir}: no folder of pictures; looked for {looked_for}: put the photos "
-        "there or name their folder with Config.images_dir"
+        f"{data_dir}: no folder of pictures; looked for {looked_for}, there are "
+        f"{some(there) or 'no folders'}: put the photos there or name their folder "
+        "with Config.images_dir"
     )
 
 

@@ -21,6 +21,7 @@ from internal.cameras import NODES, Cameras, Lens
 from internal.color import UINT16_ONE, from_uint16
 from internal.coord import Space
 from internal.errors import UserError
+from internal.files import image_io
 from internal.files.picture_store import StoredPicture, hold
 from internal.poses import Similarity
 from internal.scene import readers
@@ -57,6 +58,7 @@ from internal.scene.readers.base import SceneFiles
 
 # LOM's dark pictures average 0.05 to 0.1 in sRGB, their normal-light twins 0.5.
 BRIGHT_MEAN = 0.35
+FEW_BITS, FULL_BITS = (8, 10, 12), 14  # of cameras, in files of 16
 EVERY = 8  # row and column of a photo are compared: no two shots have equal noise
 SPLITS = ("train", "test")
 FindPoints = Callable[[SceneFiles, Sequence[int]], Float[np.ndarray, "m 3"]]
@@ -181,6 +183,7 @@ def load_scene(
             "without a pixel above 0: there is no light to bring out"
         )
     _warn_of_copies(scene)
+    _warn_of_few_bits(scene)
     if not config.images_dir:  # else the user chose: LLE + NeRF chooses bright photos
         _warn_of_normal_light(scene)
         _warn_of_dark_truth(scene)
@@ -381,6 +384,23 @@ def _warn_of_dark_truth(scene: Scene) -> None:
             f"WARNING: the truth is no brighter than the photos ({truth / 257:.1f} and "
             f"{photos / 257:.1f} of 255, mean): point Config.gt_dir at the "
             "normal-light twins, or scores are of something else"
+        )
+
+
+def _warn_of_few_bits(scene: Scene) -> None:
+    """Says so if no value of files of 16 bits is above what fewer bits hold: cameras of
+    10, 12 and 14 bits leave the upper ones empty, and photos are then dark by it."""
+    if not scene.images or not all(map(image_io.is_deep, scene.image_paths)):
+        return
+    top = max(int(np.max(image)) for image in scene.images)
+    bits = next((bits for bits in FEW_BITS if top < 1 << bits), 0)
+    if top == (1 << FULL_BITS) - 1:  # reached, so that it is no chance
+        bits = FULL_BITS
+    if bits:
+        print(
+            f"WARNING: {scene.image_paths[0].parent}: no value of its 16-bit pictures "
+            f"is above {top} of {UINT16_ONE:.0f}: if these are values of {bits} bits, "
+            f"multiply them by {1 << 16 - bits}; trained as they are"
         )
 
 

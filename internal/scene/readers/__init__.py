@@ -10,7 +10,7 @@ from pathlib import Path
 from internal import flags
 from internal.errors import UserError
 from internal.files.listing import say_once
-from internal.scene.readers import colmap, llff, transforms
+from internal.scene.readers import colmap, foreign, llff, transforms
 from internal.scene.readers.base import Reader, SceneFiles
 
 READERS: tuple[Reader, ...] = (
@@ -53,20 +53,25 @@ def read_files(
     looked_for = "; ".join(f"{r.name}: {r.looked_for}" for r in asked)
     raise UserError(
         f"{data_dir}: no scene found. Looked for {looked_for}. "
-        f"The folder contains {_contents(data_dir)}{_nearby(data_dir, asked)}"
+        f"The folder contains {_contents(data_dir)}"
+        + "".join(f"; {hint}" for hint in [_hint(data_dir, asked)] if hint)
     )
 
 
-def _nearby(folder: Path, asked: list[Reader]) -> str:
-    """Where scenes are, if a folder of one or of several was named."""
+def _hint(folder: Path, asked: list[Reader]) -> str:
+    """Where scenes are, if a folder of one or of several was named; else what other
+    poses are there."""
     above = list(folder.resolve().parents)[:2]
-    below = sorted(path for path in folder.iterdir() if path.is_dir())
-    for places in (above, below):
+    below, further = (
+        sorted(path for path in folder.glob(pattern) if path.is_dir())
+        for pattern in ("*", "*/*")
+    )
+    for places in (above, below, further):
         found = [p for p in places if any(reader.matches(p) for reader in asked)]
         if found:
             are = "the scene is" if len(found) == 1 else "scenes are"
-            return f"; {are} {', '.join(map(str, found[:SHOWN_ENTRIES]))}"
-    return ""
+            return f"{are} {', '.join(map(str, found[:SHOWN_ENTRIES]))}"
+    return foreign.describe(folder) if len(asked) > 1 else ""
 
 
 def _contents(folder: Path) -> str:

@@ -34,6 +34,7 @@ class SceneFiles:
     bounds: Float[np.ndarray, "b 2"]  # near, far along the axis: b is 0, 1 or n
     test_names: frozenset[str] | None  # None: the files state no split
     mask_paths: tuple[Path | None, ...]  # None: no file masks the view
+    masks_hide: bool = False  # what is not black in them is ignored, else what is
     upright: bool = True  # poses mean photos turned by EXIF, else pixels as stored
     points_source: str = POINTS_OF_MODEL  # what the points are, for messages
     transparent_is_black: bool = False  # else what a photo has transparent is masked

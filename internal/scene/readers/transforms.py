@@ -26,7 +26,7 @@ from internal.cameras import Lens
 from internal.errors import UserError, one_line
 from internal.files import image_io, ply
 from internal.files.listing import find_file, is_file, say_once
-from internal.scene.mask_files import find_masks
+from internal.scene.mask_files import find_hiding, find_masks
 from internal.scene.pairing import match_by_name, pair_poses, some
 from internal.scene.readers.base import POINTS_OF_MODEL, Reader, SceneFiles
 from internal.scene.readers.beside import Beside, find_beside
@@ -135,6 +135,7 @@ def _scene_files(
     points, points_source = _points(data_dir, frames, names, camtoworlds)
     test_names = frozenset(n for n, frame in by_name.items() if frame.is_test)
     lenses = tuple(read_lens(frame) for frame in by_name.values())
+    mask_paths, masks_hide = _masks(data_dir, tuple(by_name.values()))
     check_one_size(tuple(by_name.values()), lenses)
     return SceneFiles(
         format=name,
@@ -146,7 +147,8 @@ def _scene_files(
         points=points,
         bounds=_bounds(frames),
         test_names=test_names or None,
-        mask_paths=_masks(data_dir, tuple(by_name.values())),
+        mask_paths=mask_paths,
+        masks_hide=masks_hide,
         upright=_means_upright(image_paths, lenses, tuple(by_name.values())),
         points_source=points_source,
         transparent_is_black=name == BLENDER.name,
@@ -192,11 +194,24 @@ def _names(paths: Iterable[Path], data_dir: Path) -> list[str]:
     ]
 
 
-def _masks(data_dir: Path, frames: Sequence[Entry]) -> tuple[Path | None, ...]:
-    """The masks that the file names, or where it names none those of a folder."""
-    stated = tuple(_stated_mask(frame) for frame in frames)
-    if any(stated):
-        return stated
+def _masks(
+    data_dir: Path, frames: Sequence[Entry]
+) -> tuple[tuple[Path | None, ...], bool]:
+    """The masks that the file names, or where it names none those of a folder, or else
+    those of instant-ngp; and whether they say what to ignore, as these do."""
+    found = tuple(_stated_mask(frame) for frame in frames)
+    if not any(found):
+        found = _folders_masks(data_dir, frames)
+    hiding = find_hiding([frame.image_path for frame in frames])
+    if not any(found):
+        return hiding, any(hiding)
+    if any(hiding):
+        first = next(filter(None, hiding))
+        say_once(f"WARNING: {first}, ...: not read, for the scene has other masks")
+    return found, False
+
+
+def _folders_masks(data_dir: Path, frames: Sequence[Entry]) -> tuple[Path | None, ...]:
     inside = [
         frame.image_path.relative_to(data_dir).as_posix()
         if frame.image_path.is_relative_to(data_dir)
@@ -207,6 +222,12 @@ def _masks(data_dir: Path, frames: Sequence[Entry]) -> tuple[Path | None, ...]:
 
 
 def _stated_mask(frame: Entry) -> Path | None:
+    foreign = [x for x in frame.values if "mask" in x.lower() and x != "mask_path"]
+    if foreign:
+        say_once(
+            f"WARNING: {frame.json_path}: its {foreign[0]} is not read; mask_path "
+            "names masks, black where a photo is ignored"
+        )
     listed = frame.values.get("mask_path") or None
     if listed is None:
         return None

@@ -47,11 +47,14 @@ def read_entries(path: Path, is_test: bool) -> list[Entry]:
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list) or not frames:
         raise UserError(f'{path}: no "frames"; expected a NeRF transforms file')
-    shared = {key: value for key, value in content.items() if key != "frames"}
+    shared = _stated(content)
+    del shared["frames"]
     for index, frame in enumerate(frames):
         listed = frame.get("file_path") if isinstance(frame, dict) else None
         if not isinstance(listed, str) or not listed:
             raise UserError(f'{path}: frame {index} has no "file_path"')
+    frames = list(map(_stated, frames))
+    for frame in frames:
         _check_own_size(path, shared, frame)
     return [
         Entry(
@@ -85,6 +88,11 @@ def _inherited(shared: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, A
     if in_own_way:
         shared = {k: value for k, value in shared.items() if k not in others}
     return {**shared, **own}
+
+
+def _stated(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values without those that are null, by which a file says that it has none."""
+    return {key: value for key, value in values.items() if value is not None}
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

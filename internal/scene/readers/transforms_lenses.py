@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
@@ -22,6 +24,8 @@ NOT_READ = (
     *("ftheta_p0", "from_mitsuba", "latlong", "equirectangular"),
     *("transform_matrix_start", "transform_matrix_end"),  # a shutter that rolls
 )
+ROLLING = "rolling_shutter"  # likewise, of zeros where there is none
+CIRCLE = "fisheye_crop_radius"  # nerfstudio's
 ALL_TERMS = (*"k1 k2 k3 k4 k5 k6 p1 p2 s1 s2 s3 s4 tau_x tau_y".split(),)
 LISTED_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")  # of distortion_params
 FISHEYE_MODELS = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
@@ -39,10 +43,16 @@ def read_lens(frame: Entry) -> Lens:
     """
     width, height = _stated_size(frame)
     foreign = [key for key in NOT_READ if frame.values.get(key, False) is not False]
+    foreign += [ROLLING] * bool(np.any(frame.values.get(ROLLING, 0.0)))
     if foreign:
         raise UserError(
             f"{frame.json_path}: has {foreign[0]}, which this program does not read; "
             "expected a camera_model of nerfstudio, and its OpenGL poses"
+        )
+    if CIRCLE in frame.values:
+        say_once(
+            f"WARNING: {frame.json_path}: its {CIRCLE} is not read: what lies outside "
+            "of that circle is trained on; mask it with a folder masks"
         )
     model = str(frame.values.get("camera_model") or "OPENCV").upper()
     if frame.values.get("is_fisheye", False):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pictures that ``transforms*.json`` lists, as they lie on this disk."""
 
+import itertools
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ from internal.files.listing import (
     is_metadata,
     say_once,
 )
+from internal.scene.mask_files import HIDING
 from internal.scene.pairing import some
 from internal.scene.readers.transforms_entries import (
     Entry,
@@ -30,9 +32,8 @@ Folders = dict[Path, dict[str, list[Path]]]
 def with_pictures(frames: Sequence[Entry], folders: Folders) -> list[Entry]:
     """The frames without those test views whose photo is not there: benchmarks list
     pictures that they keep for themselves."""
-    missing = [
-        frame for frame in frames if frame.is_test and not _alike(frame, folders)
-    ]
+    is_missing = [frame.is_test and not _alike(frame, folders) for frame in frames]
+    missing = list(itertools.compress(frames, is_missing))
     if missing:
         shown = ", ".join(frame.image_path.name for frame in missing[:3])
         is_all = len(missing) == sum(frame.is_test for frame in frames)
@@ -41,7 +42,7 @@ def with_pictures(frames: Sequence[Entry], folders: Folders) -> list[Entry]:
             f"WARNING: {missing[0].json_path}: {len(missing)} test views have no photo "
             f"here ({shown}, ...); they are left out{instead}"
         )
-    return [frame for frame in frames if frame not in missing]
+    return [f for f, gone in zip(frames, is_missing, strict=True) if not gone]
 
 
 def find_picture(frame: Entry, folders: Folders) -> Path:
@@ -98,7 +99,11 @@ def name_unlisted(frames: Sequence[Entry]) -> None:
     )
     for folder in sorted({frame.image_path.parent for frame in frames}):
         beside = sorted(path.name for path in _pictures(folder))
-        unlisted = [name for name in beside if name not in listed]
+        unlisted = [
+            name
+            for name in beside
+            if name not in listed and not name.startswith(HIDING)
+        ]
         if unlisted:
             say_once(
                 f"{folder}: {len(unlisted)} of {len(beside)} pictures are in no frame "
