@@ -1,3 +1,3 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everything that touches files: whole-or-nothing writes, images, RAW, videos. Start
-at `image_io`."""
+"""Kinds of files, one module each: pictures, RAW, videos, PLY, HTML; and how they
+appear whole or not at all (`atomic`, `made_folder`). Start at `image_io`."""
