@@ -8,10 +8,12 @@ cores that render the field. The picture is 640 x 480. Counted are frames in whi
 page drew other pixels than before (a grid of them is read back after every frame),
 while the mouse drags the camera in circles. Seconds to the first picture begin with the
 request for the page. Where the drag ends, the splats' picture is held against the
-field's that replaces it: a channel's mean, and PSNR.
+field's that replaces it: a channel's mean, and PSNR. For that the server is stopped
+until the splats are drawn at rest.
 """
 
 import argparse
+import signal
 import statistics
 import subprocess
 import sys
@@ -79,7 +81,8 @@ def main() -> None:
     parser.add_argument("--run", required=True)
     parser.add_argument("--seconds", type=float, default=10.0, help="of moving")
     args, flags = parser.parse_known_args()
-    with served(["--run", args.run, *flags]) as address, chromium() as browser:
+    with served(["--run", args.run, *flags]) as server, chromium() as browser:
+        process, address = server
         cold = opened(browser, address).evaluate("() => window.seen.first")
         pages = [opened(browser, address) for _ in range(PAGES)]
         warm = [page.evaluate("() => window.seen.first") for page in pages]
@@ -91,13 +94,14 @@ def main() -> None:
              f"{statistics.median(warm) / 1e3:.2f}"),
         ]  # fmt: skip
         print(workload.markdown(("what", "measured"), rows), flush=True)
-        rows = walked(pages[0], args.seconds, walks="--no_splats" not in flags)
+        walks = "--no_splats" not in flags
+        rows = walked(pages[0], process, args.seconds, walks=walks)
     print(workload.markdown(("what", "measured"), rows))
 
 
 @contextmanager
-def served(flags: list[str]) -> Iterator[str]:
-    """The address of ``view.py`` with these flags."""
+def served(flags: list[str]) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """``view.py`` with these flags, and its address."""
     command = [sys.executable, "-u", "view.py", "--port", "0", *flags]
     process = subprocess.Popen(
         command, cwd=trials.ROOT, stdout=subprocess.PIPE, text=True
@@ -107,8 +111,9 @@ def served(flags: list[str]) -> Iterator[str]:
         line = next((x for x in process.stdout if "is shown at" in x), "")
         if not line:
             sys.exit("view.py has ended")
-        yield line.split()[-1]
+        yield process, line.split()[-1]
     finally:
+        process.send_signal(signal.SIGCONT)
         process.terminate()
         process.wait()
 
@@ -130,7 +135,9 @@ def canvas(page: Any) -> Any:
     return page.locator("canvas").first.bounding_box()
 
 
-def walked(page: Any, seconds: float, walks: bool) -> list[tuple[str, str]]:
+def walked(
+    page: Any, server: subprocess.Popen[str], seconds: float, *, walks: bool
+) -> list[tuple[str, str]]:
     """What is seen while the camera moves and where it stops."""
     if walks:
         page.wait_for_function(f"() => ({SPLATS})() != null")
@@ -140,7 +147,7 @@ def walked(page: Any, seconds: float, walks: bool) -> list[tuple[str, str]]:
     for stop in range(STOPS):
         rates.append(dragged(page, seconds / STOPS, stop))
         if walks:
-            splats, field = switched(page)
+            splats, field = switched(page, server)
             levels = [x.reshape(-1, 3).mean(axis=0) for x in (splats, field)]
             steps.append(np.abs(20.0 * np.log10(levels[0] / levels[1])).max())
             scores.append(psnr(splats, field))
@@ -173,15 +180,19 @@ def dragged(page: Any, seconds: float, stop: int) -> float:
     return count / elapsed
 
 
-def switched(page: Any) -> tuple[np.ndarray, np.ndarray]:
-    """The splats' picture where the camera came to rest, and the field's."""
-    while True:
+def switched(page: Any, server: subprocess.Popen[str]) -> tuple[np.ndarray, np.ndarray]:
+    """The splats' picture where the camera comes to rest, and the field's."""
+    page.mouse.down()  # a small move, which shows the splats
+    page.mouse.move(WIDTH / 2 + 8, HEIGHT / 2)
+    page.wait_for_function(SPLATS)
+    server.send_signal(signal.SIGSTOP)
+    page.mouse.up()
+    camera, splats = "", np.empty(0)
+    while page.evaluate(CAMERA) != camera:
         camera = page.evaluate(CAMERA)
         splats = shot(page)
-        still_there = page.evaluate(SPLATS)
-        if page.evaluate(CAMERA) == camera:
-            break
-    assert still_there, "the field was faster than a screenshot of the splats"
+    assert page.evaluate(SPLATS), "the field was faster than a screenshot of the splats"
+    server.send_signal(signal.SIGCONT)
     page.wait_for_function(f"() => !({SPLATS})()")
     page.wait_for_timeout(1000)  # until it is drawn
     assert page.evaluate(CAMERA) == camera, "the camera has moved"
