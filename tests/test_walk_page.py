@@ -12,6 +12,7 @@ from internal.export import bake, rasterizer
 from internal.export.splats import SH0, pinhole_camera
 from internal.scene import colmap
 from internal.scoring.metrics import psnr
+from internal.viewer import walk
 from tests.browser import chromium, until
 from tests.conftest import bindings
 
@@ -31,6 +32,7 @@ def viewer(night, night_run, tmp_path_factory):
     own = f"Config.checkpoint_dir = {str(folder)!r}"
     with chromium() as browser, pytest.MonkeyPatch.context() as patch:
         patch.setattr(bake, "STEPS", 3)
+        patch.setattr(walk, "SLOW", 1e6)  # here no browser is
         page = ViewerPage(browser, folder, [*bindings(night), own], splats=300)
         page.open_tab("Photos")
         page.page.get_by_label("Show photos").uncheck()
@@ -110,4 +112,26 @@ def test_another_page_has_splats_of_its_own(viewer):
     other.goto(viewer.server.address)
     until(lambda: other.evaluate(IS_SHOWN) is not None, "the other's splats")
     assert not is_shown(viewer)
+    other.close()
+
+
+def test_a_browser_that_draws_splats_slowly_walks_on_the_field(viewer, monkeypatch):
+    monkeypatch.setattr(walk, "SLOW", 0.0)  # as every browser is
+    other = viewer.browser.new_page(viewport={"width": 600, "height": 400})
+    other.goto(viewer.server.address)
+    choice = other.get_by_label(walk.WALK)
+    until(lambda: other.evaluate(IS_SHOWN) is not None, "the other's splats")
+    assert choice.is_checked() and viewer.page.get_by_label(walk.WALK).is_checked()
+    *_, (panel, session) = viewer.server._pages.values()
+    until(lambda: session.is_walking, "a first picture")
+    panel.walk.light_anew()
+    until(lambda: not choice.is_checked(), "the choice taken back")
+    until(lambda: not session.may_walk, "a walk on the field")
+    assert viewer.page.get_by_label(walk.WALK).is_checked()
+    choice.check()  # stays, once the user wants it
+    until(lambda: session.may_walk, "splats again")
+    panel.walk.light_anew()
+    until(lambda: other.evaluate(IS_SHOWN), "splats")
+    other.wait_for_timeout(500)
+    assert choice.is_checked()
     other.close()

@@ -72,7 +72,7 @@ def turn_about(client: viser.ClientHandle, point: Float[np.ndarray, " 3"]) -> No
     ahead = (camera.camtoworld[:, 3] - point) @ camera.camtoworld[:, 2]
     apart = np.linalg.norm(client.camera.look_at - point)
     if ahead > 2.0 * client.camera.near and apart > NEAR_ENOUGH * ahead:
-        _run(client, REACH.format(ahead=ahead))
+        run_on_page(client, REACH.format(ahead=ahead))
 
 
 def make_gentle(client: viser.ClientHandle) -> None:
@@ -81,11 +81,11 @@ def make_gentle(client: viser.ClientHandle) -> None:
     A drag over the height of the window is a whole turn otherwise. viser offers its
     controls to scripts on the page as ``__viserMutable``; without it all else works.
     """
-    _run(client, GENTLE.format(share=TURN_PER_DRAG))
+    run_on_page(client, GENTLE.format(share=TURN_PER_DRAG))
 
 
-def _run(client: viser.ClientHandle, script: str) -> None:
-    """Runs a script on a browser's page."""
+def run_on_page(client: viser.ClientHandle, script: str) -> None:
+    """Runs a script in a browser."""
     message = _messages.RunJavascriptMessage(script)
     client.gui._websock_interface.queue_message(message)
 

@@ -17,8 +17,9 @@ from internal.export.splats import Splats, rotations
 from internal.viewer.baking import Bakery, Walkable
 from internal.viewer.canvas import NOTHING, Split
 from internal.viewer.free_camera import FreeCamera
-from internal.viewer.handlers import Guard
+from internal.viewer.handlers import Guard, on_change
 from internal.viewer.session import Delivery, Session
+from internal.viewer.stage import run_on_page
 
 # A picture is on the screen so many seconds after it was sent; splats hide it until
 # then, so that nothing flashes.
@@ -27,6 +28,29 @@ SIZE = 0.5  # standard deviation that sizes are brought to: viser keeps 16-bit v
 BLACK = np.zeros((1, 1, 3), np.uint8)
 NODE = "/splats"
 BAKE = "Bake splats to walk on"
+WALK = "Splats while moving"
+WHY = (
+    "Off: small pictures of the field. Turns itself off once in a browser that draws "
+    "splats slowly, as one without a graphics card does."
+)
+SLOW, OFTEN = 300.0, 3  # milliseconds between pictures, in so many of them on end
+WATCH = """
+if (!window.walkIsWatched) {{
+  window.walkIsWatched = true;
+  let before = null, late = 0;
+  const watch = (now) => {{
+    const nodes = window.__viserSceneTree?.getState();
+    const isSeen = nodes?.["{node}"]?.effectiveVisibility && !document.hidden;
+    late = isSeen && before !== null && now - before > {slow} ? late + 1 : 0;
+    before = isSeen ? now : null;
+    const labels = late < {often} ? [] : [...document.querySelectorAll("label")];
+    const choice = labels.find((label) => label.textContent.trim() === "{walk}");
+    if (choice) choice.click();
+    else requestAnimationFrame(watch);
+  }};
+  requestAnimationFrame(watch);
+}}
+"""
 
 
 class Walk:
@@ -48,8 +72,10 @@ class Walk:
         self._hiding: threading.Timer | None = None
         self._frame: Delivery | None = None  # the last one behind which they hid
         self._button = client.gui.add_button(BAKE, visible=False)
+        self._walks = client.gui.add_checkbox(WALK, True, visible=False, hint=WHY)
         self._text = client.gui.add_markdown("", visible=False)
         self._button.on_click(guarded(self._bake))
+        on_change(guarded(self._decide), self._walks)
         if bakery:
             bakery.listen(self._hear)
 
@@ -98,7 +124,8 @@ class Walk:
         """Knows of the session's choice; what splats cannot show hides them."""
         with self._lock:
             shown = look_shown(self._session.choice, self._session.look)
-            self._session.may_walk = self._handle is not None and shown is not None
+            can_walk = self._handle is not None and shown is not None
+            self._session.may_walk = can_walk and self._walks.value
             if not self._session.may_walk:
                 self._hide()
 
@@ -130,13 +157,16 @@ class Walk:
         if self._bakery:
             self._bakery.start()
 
+    async def _decide(self, _: object) -> None:
+        self.choose()
+
     def _hear(self) -> None:
         """What is new in the bakery."""
         assert self._bakery is not None
         walkable, share = self._bakery.walkable, self._bakery.share
         if walkable is not self._walkable:
             self._take(walkable)
-        self._button.visible = walkable is None
+        self._button.visible, self._walks.visible = walkable is None, bool(walkable)
         self._button.disabled = share is not None
         percent = f"{100.0 * share:.0f} %" if share is not None else ""
         label = f"Baking splats to walk on: {percent}" if percent else BAKE
@@ -158,6 +188,8 @@ class Walk:
                 colors = walkable.recolor(walkable.baked.look)
                 self._handle = add(self._client, walkable.baked.splats, colors)
                 self._look = walkable.baked.look
+                watch = WATCH.format(node=NODE, walk=WALK, slow=SLOW, often=OFTEN)
+                run_on_page(self._client, watch)
             self.choose()
 
     def _say(self, text: str) -> None:
