@@ -2,6 +2,7 @@
 """What other programs write into scenes: read as they mean it, or said not to be."""
 
 import json
+import shutil
 
 import numpy as np
 import OpenImageIO as oiio
@@ -208,3 +209,61 @@ def test_folders_that_are_there_are_named_where_none_is_of_pictures(tmp_path):
     (tmp_path / "images").rename(tmp_path / "input")
     with pytest.raises(UserError, match="there are input, sparse: put the photos"):
         read_files(tmp_path, "auto", "")
+
+
+@pytest.mark.parametrize("where", ["file", "frame"])
+def test_keys_that_nobody_reads_are_named(where, tmp_path, capsys):
+    write_nerfstudio(tmp_path, WORLD, aabb_scale=16, applied_scale=2.0, masked=1)
+    read_files(tmp_path, "auto", "")
+    assert "not read: " not in capsys.readouterr().out
+
+    def change(content):
+        (content if where == "file" else content["frames"][2])["skew"] = 3.0
+
+    edit_json(tmp_path / "transforms.json", change)
+    read_files(tmp_path, "auto", "")
+    assert "not read: skew;" in capsys.readouterr().out
+
+
+def test_a_text_is_no_answer_whether_a_lens_is_a_fisheye(tmp_path):
+    write_nerfstudio(tmp_path, WORLD, is_fisheye="false")
+    with pytest.raises(UserError, match=r"is_fisheye of 00\.png is .false."):
+        read_files(tmp_path, "auto", "")
+
+
+def test_a_folder_of_another_case_is_the_one_meant(tmp_path):
+    write_nerfstudio(tmp_path, WORLD)
+    before = read_files(tmp_path, "auto", "")
+    (tmp_path / "images").rename(tmp_path / "Images")
+    found = read_files(tmp_path, "auto", "")
+    assert [path.name for path in found.image_paths] == list(before.names)
+    shutil.copytree(tmp_path / "Images", tmp_path / "IMAGES")  # which one?
+    with pytest.raises(UserError, match="image not found"):
+        read_files(tmp_path, "auto", "")
+
+
+@pytest.mark.parametrize(("cx", "cy", "is_said"), [(9.0, 12.0, True), (11, 8, False)])
+def test_a_principal_point_of_the_turned_picture_is_said(
+    cx, cy, is_said, tmp_path, capsys
+):
+    write_nerfstudio(tmp_path, WORLD, cx=cx, cy=cy)
+    load(tmp_path)
+    assert ("a picture that was turned, 18x24" in capsys.readouterr().out) == is_said
+
+
+def test_photos_that_are_white_are_named_and_those_with_a_dark_pixel_are_not(
+    tmp_path, capsys
+):
+    write_nerfstudio(tmp_path, WORLD)
+    picture = np.ones_like(HIDDEN)
+    image_io.write(tmp_path / "images" / "02.png", picture)
+    picture[3, 5] = 0.9
+    image_io.write(tmp_path / "images" / "03.png", picture)
+    load(tmp_path, holdout=0)
+    assert "all white: 02.png: remove" in capsys.readouterr().out
+
+
+def test_photos_of_another_shape_are_said_to_be_turned_where_they_are(tmp_path):
+    write_nerfstudio(tmp_path, WORLD, w=18.0, h=24.0, cx=9.0, cy=12.0)
+    with pytest.raises(UserError, match="24x18 pixels, but its lens"):
+        load(tmp_path)
