@@ -110,9 +110,7 @@ def test_a_photo_is_white_up_to_a_thousandth():
 def test_a_folder_that_has_a_video_alone_says_how_to_give_it(tmp_path):
     (tmp_path / "day 1").mkdir()
     (tmp_path / "day 1" / "GOPR0001.MP4").touch()
-    with pytest.raises(
-        UserError, match=r"no photo .* video .*day 1/GOPR0001\.MP4 give"
-    ):
+    with pytest.raises(UserError, match=r"no photo .* video .*1/GOPR0001\.MP4 give"):
         photos.list_names(tmp_path)
 
 
