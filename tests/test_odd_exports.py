@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What other programs write into scenes: read as they mean it, or said not to be."""
 
+import dataclasses
 import json
 import shutil
 
@@ -8,10 +9,11 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
+from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
 from internal.scene.config import SceneConfig
-from internal.scene.loading import load_gains
+from internal.scene.loading import check_lenses, load_gains
 from internal.scene.readers import read_files
 from internal.scene.readers.transforms_entries import Entry
 from internal.scene.scene import load_scene
@@ -257,6 +259,13 @@ def test_a_principal_point_of_the_turned_picture_is_said(
     write_nerfstudio(tmp_path, WORLD, cx=cx, cy=cy)
     load(tmp_path)
     assert ("a picture that was turned, 18x24" in capsys.readouterr().out) == is_said
+
+
+def test_a_square_picture_is_not_said_to_be_turned(tmp_path, capsys):
+    lens = Lens("PINHOLE", 24, 24, (20.0, 20.0, 12.5, 11.5))
+    write_nerfstudio(tmp_path, dataclasses.replace(WORLD, lens=lens))
+    check_lenses(read_files(tmp_path, "auto", ""))
+    assert "turned" not in capsys.readouterr().out
 
 
 def test_photos_that_are_white_are_named_and_those_with_a_dark_pixel_are_not(
