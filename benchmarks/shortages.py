@@ -9,7 +9,7 @@ or read-only. Without memory: an address space too small for settings that ask f
 Two at once: the second is refused, or both make the same. Prints a row per script and
 shortage and exits with 1 if there is a fault.
 
-Last run, 3 to 4 sizes of disk per script: no fault. Found and mended: pictures that a
+Last run, 3 sizes of disk per script: no fault. Found and mended: pictures that a
 full disk had taken in part counted as rendered (PNG, TIFF, EXR, WebP), writing a JPEG
 ended the process without a word, a training ended in tracebacks of Orbax's threads,
 and a chunk larger than a picture took memory for it.

@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """What other programs write into scenes: read as they mean it, or said not to be."""
 
+import dataclasses
 import json
+import shutil
 
 import numpy as np
 import OpenImageIO as oiio
 import pytest
 
+from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
 from internal.scene.config import SceneConfig
-from internal.scene.loading import load_gains
+from internal.scene.loading import check_lenses, load_gains
 from internal.scene.readers import read_files
 from internal.scene.readers.transforms_entries import Entry
 from internal.scene.scene import load_scene
@@ -171,6 +174,14 @@ def test_truth_that_is_smaller_or_of_another_shape_is_refused(size, tmp_path):
     [
         ("bundle.out", "Bundler"),
         ("bundle/bundle.out", "Bundler"),
+        ("scene.nvm", "VisualSFM"),
+        ("reconstruction.json", "OpenSfM"),
+        ("cameras.sfm", "Meshroom"),
+        ("cameras_sphere.npz", "NeuS"),
+        ("cams/1_cam.txt", "MVSNet"),
+        ("pose/1.txt", "NSVF or ScanNet"),
+        ("1.xmp", "RealityScan"),
+        ("rgbd/1.jpg", "Record3D"),
         ("keyframes/cameras/1.json", "Polycam"),
         ("metadata.json", "Record3D"),
         ("cameras.xml", "Metashape"),
@@ -208,3 +219,68 @@ def test_folders_that_are_there_are_named_where_none_is_of_pictures(tmp_path):
     (tmp_path / "images").rename(tmp_path / "input")
     with pytest.raises(UserError, match="there are input, sparse: put the photos"):
         read_files(tmp_path, "auto", "")
+
+
+@pytest.mark.parametrize("where", ["file", "frame"])
+def test_keys_that_nobody_reads_are_named(where, tmp_path, capsys):
+    write_nerfstudio(tmp_path, WORLD, aabb_scale=16, applied_scale=2.0, masked=1)
+    read_files(tmp_path, "auto", "")
+    assert "not read: " not in capsys.readouterr().out
+
+    def change(content):
+        (content if where == "file" else content["frames"][2])["skew"] = 3.0
+
+    edit_json(tmp_path / "transforms.json", change)
+    read_files(tmp_path, "auto", "")
+    assert "not read: skew;" in capsys.readouterr().out
+
+
+def test_a_text_is_no_answer_whether_a_lens_is_a_fisheye(tmp_path):
+    write_nerfstudio(tmp_path, WORLD, is_fisheye="false")
+    with pytest.raises(UserError, match=r"is_fisheye of 00\.png is .false."):
+        read_files(tmp_path, "auto", "")
+
+
+def test_a_folder_of_another_case_is_the_one_meant(tmp_path):
+    write_nerfstudio(tmp_path, WORLD)
+    before = read_files(tmp_path, "auto", "")
+    (tmp_path / "images").rename(tmp_path / "Images")
+    found = read_files(tmp_path, "auto", "")
+    assert [path.name for path in found.image_paths] == list(before.names)
+    shutil.copytree(tmp_path / "Images", tmp_path / "IMAGES")  # which one?
+    with pytest.raises(UserError, match="image not found"):
+        read_files(tmp_path, "auto", "")
+
+
+@pytest.mark.parametrize(("cx", "cy", "is_said"), [(9.0, 12.0, True), (11, 8, False)])
+def test_a_principal_point_of_the_turned_picture_is_said(
+    cx, cy, is_said, tmp_path, capsys
+):
+    write_nerfstudio(tmp_path, WORLD, cx=cx, cy=cy)
+    load(tmp_path)
+    assert ("a picture that was turned, 18x24" in capsys.readouterr().out) == is_said
+
+
+def test_a_square_picture_is_not_said_to_be_turned(tmp_path, capsys):
+    lens = Lens("PINHOLE", 24, 24, (20.0, 20.0, 12.5, 11.5))
+    write_nerfstudio(tmp_path, dataclasses.replace(WORLD, lens=lens))
+    check_lenses(read_files(tmp_path, "auto", ""))
+    assert "turned" not in capsys.readouterr().out
+
+
+def test_photos_that_are_white_are_named_and_those_with_a_dark_pixel_are_not(
+    tmp_path, capsys
+):
+    write_nerfstudio(tmp_path, WORLD)
+    picture = np.ones_like(HIDDEN)
+    image_io.write(tmp_path / "images" / "02.png", picture)
+    picture[3, 5] = 0.9
+    image_io.write(tmp_path / "images" / "03.png", picture)
+    load(tmp_path, holdout=0)
+    assert "all white: 02.png: remove" in capsys.readouterr().out
+
+
+def test_photos_of_another_shape_are_said_to_be_turned_where_they_are(tmp_path):
+    write_nerfstudio(tmp_path, WORLD, w=18.0, h=24.0, cx=9.0, cy=12.0)
+    with pytest.raises(UserError, match="24x18 pixels, but its lens"):
+        load(tmp_path)

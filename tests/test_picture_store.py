@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures on disk are the pictures in memory."""
+"""Pictures on disk are the pictures in memory, and a full disk is said to be one."""
+
+import errno
+import tempfile
 
 import numpy as np
 import pytest
 
+from internal.errors import UserError
 from internal.files.picture_store import PictureStore, gigabytes, hold
+from internal.files.scratch import scratch_folder
 
 
 @pytest.fixture
@@ -31,3 +36,28 @@ def test_single_pixels_are_those_of_their_pictures(pictures):
     for index in np.ndindex(2, 2):
         expected = pictures[view[index]][y[index], x[index]]
         np.testing.assert_array_equal(found[index], expected)
+
+
+def test_a_temporary_folder_that_takes_nothing_is_named(
+    pictures, monkeypatch, tmp_path
+):
+    said = f"^{tmp_path}/scratch: .*set TMPDIR to"
+    monkeypatch.setattr(tempfile, "tempdir", f"{tmp_path}/scratch")  # not there
+    with pytest.raises(UserError, match=said):
+        PictureStore(pictures)
+    with pytest.raises(UserError, match=said), scratch_folder():
+        pass
+    (tmp_path / "scratch").mkdir()
+    for error in (OSError(errno.ENOSPC, "full"), None):
+        with pytest.raises(UserError, match=said), scratch_folder() as folder:
+            raise error or UserError(f"{folder}/a.png: cannot write")
+    assert not list((tmp_path / "scratch").iterdir())
+
+
+def test_an_error_about_other_files_is_left_as_it_is(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    photo = tmp_path / "tmp.png"
+    for error in (UserError(f"{photo}: broken"), OSError(errno.EIO, "", str(photo))):
+        with pytest.raises(type(error)) as raised, scratch_folder():
+            raise error
+        assert raised.value is error

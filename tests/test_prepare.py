@@ -266,6 +266,14 @@ def test_photos_without_overlap_are_refused(tmp_path, only_first_way):
         prepare(inputs(folder), tmp_path / "scene", overwrite=False)
 
 
+def test_white_photos_are_left_out_with_what_to_do(tmp_path):
+    folder = tmp_path / "photos"
+    write_room(folder, 2)
+    image_io.write(folder / "white.png", flat_picture(255.0))
+    with pytest.raises(UserError, match=r"2 usable .*white\.png: white.* shorter"):
+        prepare(inputs(folder), tmp_path / "scene", overwrite=False)
+
+
 def test_black_photos_are_refused(tmp_path):
     for level in range(3):
         image_io.write(tmp_path / f"{level}.png", flat_picture(float(level)))

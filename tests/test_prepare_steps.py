@@ -95,6 +95,29 @@ def test_statistics_of_a_flat_photo():
     assert (found.mean, found.noise, found.used_levels) == (17.0, 0.0, 1.0)
     assert found.histogram[17] == 24 * 18 * 3
     assert statistics.measure_photo(flat_picture(2.0)).is_black
+    assert not found.is_black
+    assert not found.is_white
+
+
+def test_a_photo_is_white_up_to_a_thousandth():
+    picture = flat_picture(255.0, 100, 100)
+    picture[0, :9] = 0.4
+    assert statistics.measure_photo(picture).is_white
+    picture[1, :9] = 0.4
+    assert not statistics.measure_photo(picture).is_white
+
+
+def test_a_folder_that_has_a_video_alone_says_how_to_give_it(tmp_path):
+    (tmp_path / "day 1").mkdir()
+    (tmp_path / "day 1" / "GOPR0001.MP4").touch()
+    with pytest.raises(UserError, match=r"no photo .* video .*1/GOPR0001\.MP4 give"):
+        photos.list_names(tmp_path)
+
+
+def test_a_step_that_no_two_frames_show_is_no_number():
+    said = frame_choice.ChosenFrames((0, 1), 0, 0, float("inf")).describe()
+    assert "moved on farther than can be followed;" in said
+    assert "by 5% of" in frame_choice.ChosenFrames((0,), 0, 0, 0.05).describe()
 
 
 def test_a_blurred_picture_is_less_sharp():

@@ -14,7 +14,7 @@ from typing import overload
 import numpy as np
 from jaxtyping import Int, UInt16
 
-from internal.errors import UserError
+from internal.files import scratch
 
 StoredPicture = UInt16[np.ndarray, "_h _w 3"]
 
@@ -49,11 +49,11 @@ class PictureStore(Sequence[StoredPicture]):
     """A sequence of pictures that lie on disk."""
 
     def __init__(self, *parts: Iterable[StoredPicture]) -> None:
-        self._file = tempfile.TemporaryFile()  # noqa: SIM115, lives with the store
-        weakref.finalize(self, self._file.close)
         self._shapes: list[tuple[int, ...]] = []
         starts = [0]
         try:
+            self._file = tempfile.TemporaryFile()  # noqa: SIM115, lives with the store
+            weakref.finalize(self, self._file.close)
             for part in parts:
                 for picture in part:
                     self._file.write(np.ascontiguousarray(picture).data)
@@ -61,10 +61,7 @@ class PictureStore(Sequence[StoredPicture]):
                     starts.append(starts[-1] + picture.size)
             self._file.flush()
         except OSError as error:
-            raise UserError(
-                f"{tempfile.gettempdir()}: pictures do not fit ({error.strerror}); "
-                "free space, set TMPDIR, or raise Config.factor"
-            ) from error
+            raise scratch.refusal(error) from error
         self._starts = np.array(starts[:-1])
         self._widths = np.array([shape[1] for shape in self._shapes])
         self.nbytes = 2 * starts[-1]

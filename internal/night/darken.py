@@ -9,7 +9,6 @@ the truth, in the folder ``high``.
 import dataclasses
 import os
 import shutil
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
@@ -21,6 +20,7 @@ from internal.errors import UserError
 from internal.files import image_io
 from internal.files.listing import list_files
 from internal.files.made_folder import Facts, make_folder
+from internal.files.scratch import scratch_folder
 from internal.night.capture import CaptureModel, capture, view_key
 from internal.scene import readers
 from internal.scene.masks import Mask, opaque
@@ -121,8 +121,8 @@ def _store(
     elif path.suffix.lower() in (".jpg", ".jpeg"):
         image_io.write(path, srgb, jpeg_quality=jpeg_quality)
     else:
-        with tempfile.TemporaryDirectory() as scratch:
-            compressed = Path(scratch) / "photo.jpg"
+        with scratch_folder() as scratch:
+            compressed = scratch / "photo.jpg"
             image_io.write(compressed, srgb, jpeg_quality=jpeg_quality)
             srgb = image_io.read_srgb(compressed)
             image_io.write(path, image_io.with_alpha(srgb, opaque))

@@ -7,7 +7,6 @@ files have no points, the photos are asked for some, under the given poses.
 """
 
 import dataclasses
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from internal import poses, progress
 from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
+from internal.files.scratch import scratch_folder
 from internal.prepare import attempts, matching, sharpness, statistics
 from internal.prepare.brighten import copy_size
 from internal.prepare.checks import USELESS_ERROR
@@ -211,10 +211,10 @@ def _compare_neighbours(
     files: SceneFiles, copies: list[Copy]
 ) -> tuple[PixelPairs, Float[np.ndarray, " n"]]:
     """Matches of neighbouring views, and each photo's sharpness against those."""
-    with tempfile.TemporaryDirectory() as work:
-        pixels = _match_neighbours(files, copies, Path(work))
+    with scratch_folder() as work:
+        pixels = _match_neighbours(files, copies, work)
         relative = sharpness.against_overlapping(
-            lambda v: image_io.read_srgb(Path(work, matching.copy_name(v)))[..., 0],
+            lambda v: image_io.read_srgb(work / matching.copy_name(v))[..., 0],
             len(copies),
             pixels,
         )

@@ -10,7 +10,6 @@ import contextlib
 import functools
 import hashlib
 import json
-import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from jaxtyping import Float
 
 from internal.errors import UserError, one_line
 from internal.files import atomic, image_io
+from internal.files.scratch import scratch_folder
 from internal.prepare import attempts, mapping, matching
 from internal.prepare.brighten import copy_size
 from internal.prepare.checks import rests_on_points
@@ -86,8 +86,7 @@ def _triangulated(files: SceneFiles, views: Sequence[int]) -> Float[np.ndarray, 
         len(views), exhaustive=len(views) <= matching.EXHAUSTIVE_UP_TO
     )
     for way in WAYS:
-        with tempfile.TemporaryDirectory() as folder:
-            work = Path(folder)
+        with scratch_folder() as work:
             database = work / "database.db"
             attempts.make_copies(
                 way.recipe,

@@ -10,6 +10,7 @@ whatever the video's proportions.
 import dataclasses
 import functools
 import itertools
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -47,9 +48,12 @@ class ChosenFrames:
     def describe(self) -> str:
         """One line for people."""
         frames = len(self.chosen) + self.blurred + self.alike
+        step = "farther than can be followed"
+        if math.isfinite(self.step):
+            step = f"by {self.step:.0%} of the picture"
         return (
-            f"{frames} frames, {len(self.chosen)} chosen, each moved on by "
-            f"{self.step:.0%} of the picture; left out: {self.blurred} blurred, "
+            f"{frames} frames, {len(self.chosen)} chosen, each moved on "
+            f"{step}; left out: {self.blurred} blurred, "
             f"{self.alike} that show nearly the same as a sharper one"
         )
 

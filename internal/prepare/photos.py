@@ -21,6 +21,7 @@ from internal.files.listing import LeftOut
 from internal.prepare.statistics import PhotoStatistics, measure_photo
 
 FEWEST = 3
+VIDEO_ENDINGS = tuple(".mp4 .mov .m4v .mkv .avi .webm .mts .3gp .insv .lrv".split())
 FILM_DIAGONAL = math.hypot(36.0, 24.0)  # mm
 # Not 8-bit sRGB, or not read by other programs: developed to an 8-bit PNG.
 DEVELOPED_EXTENSIONS = (
@@ -108,9 +109,12 @@ def list_names(folder: Path) -> tuple[tuple[str, ...], dict[str, str]]:
     names = tuple(sorted(found.pictures + found.raw))
     if not names:
         left_out = listing.by_reason(found.left_out)
+        files = sorted(listing.list_files(folder))
+        videos = [path for path in files if path.suffix.lower() in VIDEO_ENDINGS]
         raise UserError(
             f"{folder}: no photo in it; expected JPG, PNG, TIFF, WebP, HEIC, EXR or RAW"
             + (f"; left out: {left_out}" if left_out else "")
+            + (f"; of the video {videos[0]} give the path itself" if videos else "")
         )
     return names, {entry.name: entry.reason for entry in found.left_out}
 
@@ -165,6 +169,8 @@ def _inspect(folder: Path, name: str) -> Photo | str:
     statistics = measure_photo(srgb)
     if statistics.is_black:
         return f"black: nothing in it is brighter than {statistics.bright:.0f} of 255"
+    if statistics.is_white:
+        return "white: all of it is at 255 of 255; expose shorter"
     height, width = srgb.shape[:2]
     exif = image_io.read_exif(path)
     focal = exif.focal_35mm / FILM_DIAGONAL * math.hypot(width, height)

@@ -38,6 +38,11 @@ class PhotoStatistics:
         """Whether nothing can be seen, however it is brightened."""
         return self.bright < BLACK_LEVEL
 
+    @property
+    def is_white(self) -> bool:
+        """Whether nothing can be seen, for all but a thousandth is at the top."""
+        return self.histogram[-1] * 100.0 > BRIGHT_PERCENTILE * sum(self.histogram)
+
 
 def measure_photo(srgb: Float[np.ndarray, "height width 3"]) -> PhotoStatistics:
     """Measures one photo."""

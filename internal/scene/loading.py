@@ -152,6 +152,14 @@ def _check_pixels(pinhole: Lens, where: str) -> None:
             f"WARNING: {stated} are those of {2 * cx:.0f}x{2 * cy:.0f} pixels rather "
             f"than of {size[0]}x{size[1]}: expected pixels of the stated size"
         )
+    on_its_side = cx / size[1] - 0.5, cy / size[0] - 0.5
+    off = max(abs(across - 0.5), abs(down - 0.5))
+    if max(map(abs, on_its_side)) < ALIKE and off > FAR_FROM_MIDDLE:
+        say_once(
+            f"WARNING: {stated} are those of a picture that was turned, "
+            f"{size[1]}x{size[0]}, rather than of {size[0]}x{size[1]}: expected the "
+            "pixels of the photo as it is"
+        )
 
 
 def check_sides(files: SceneFiles) -> None:
@@ -188,9 +196,11 @@ def fit_lenses(files: SceneFiles, factor: int) -> tuple[Lens, ...]:
     for path, lens in zip(files.image_paths, files.lenses, strict=True):
         width, height = image_io.read_size(path, files.upright)
         if not _has_shape(width, height, lens):
-            turned = "turned by EXIF orientation" if files.upright else "as stored"
+            turned = " as stored" * (not files.upright)
+            if files.upright and image_io.is_turned(path):
+                turned = " turned by EXIF orientation"
             raise UserError(
-                f"{path}: {width}x{height} pixels {turned}, but its lens is stated for "
+                f"{path}: {width}x{height} pixels{turned}, but its lens is stated for "
                 f"{lens.width}x{lens.height}, another shape; use the photos that the "
                 "poses were estimated from, not turned or cropped since"
             )

@@ -404,21 +404,33 @@ def _warn_of_few_bits(scene: Scene) -> None:
         )
 
 
+def _is_white(image: StoredPicture, counts: Mask) -> bool:
+    """Whether all that counts in a photo is at its highest level."""
+    at_most = np.iinfo(image.dtype).max
+    if image[::EVERY, ::EVERY].max() < at_most or not counts.any():
+        return False
+    return bool((image[counts] == at_most).all())
+
+
 def _warn_of_copies(scene: Scene) -> None:
-    """Names photos that are black, and copies of one photo under several poses."""
-    black, copies, first = [], [], {}
+    """Names photos that show nothing, and copies of one photo under several poses."""
+    black, white, copies, first = [], [], [], {}
     for view, image in enumerate(scene.images):
         name = scene.view_names[view]
         looked_at = image[::EVERY, ::EVERY]
         digest = hashlib.sha256(looked_at.tobytes()).digest()
         original = first.setdefault(digest, name)
-        if looked_at.any():
+        if _is_white(image, scene.mask(view)):
+            white.append(name)
+        elif looked_at.any():
             copies += [f"{name} of {original}"] * (original != name)
         elif scene.mask(view).any() and not image.any():
             black.append(name)
     folder = scene.image_paths[0].parent
     if black:
         print(f"WARNING: {folder}: all black: {some(black)}: remove these views")
+    if white:
+        print(f"WARNING: {folder}: all white: {some(white)}: remove these views")
     if copies:
         print(
             f"WARNING: {folder}: copies of other photos, under poses of their own: "

@@ -18,7 +18,6 @@ import contextlib
 import json
 import shlex
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -33,6 +32,7 @@ from internal.configs import Config
 from internal.errors import UserError
 from internal.files import atomic
 from internal.files.locks import take_lock
+from internal.files.scratch import scratch_folder
 from internal.scene import identity
 from internal.scene.identity import Identity
 from internal.training import budget
@@ -235,9 +235,9 @@ class RunLog:
     """
 
     def __init__(self, folder: Path, start_step: int) -> None:
-        self._unread = tempfile.TemporaryDirectory()
+        self._unread = contextlib.ExitStack()
         if not parallel.is_writer():
-            folder = Path(self._unread.name)
+            folder = self._unread.enter_context(scratch_folder())
         _drop_after(folder, start_step)
         self._began = time.monotonic() - training_seconds(folder)
         with atomic.naming(folder):
@@ -269,7 +269,7 @@ class RunLog:
     def __exit__(self, *_: object) -> None:
         self._file.close()
         self._board.close()
-        self._unread.cleanup()
+        self._unread.close()
 
 
 def _drop_after(folder: Path, step: int) -> None:

@@ -3,7 +3,7 @@
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote
@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from internal.errors import UserError
-from internal.files.listing import find_file, is_file
-from internal.scene.pairing import dark_twin
+from internal.files.listing import find_file, is_file, say_once
+from internal.scene.pairing import dark_twin, some
 from internal.scene.transforms_file import LAST_ROW
 
 LARGEST_NUMBER = 1e9  # of pixels or depths; also finite
@@ -21,6 +21,23 @@ FOCAL_KEYS = (
     ("fl_x", "fl_y"),
     ("camera_angle_x", "camera_angle_y"),
     ("x_fov", "y_fov"),
+)
+
+
+# What readers use, and what other programs write that changes no pose and no lens here.
+# Names with "mask" in them, rolling shutters and the like have words of their own.
+KNOWN = frozenset(
+    """
+    frames file_path transform_matrix w h fl_x fl_y cx cy camera_angle_x camera_angle_y
+    x_fov y_fov camera_model is_fisheye distortion_params near far ply_file_path
+    k1 k2 k3 k4 k5 k6 p1 p2 s1 s2 s3 s4 tau_x tau_y fisheye_crop_radius rolling_shutter
+    train_filenames val_filenames test_filenames
+    aabb_scale scale offset render_aabb up n_frames n_extra_learnable_dims from_na
+    applied_transform applied_scale orientation_override auto_scale_poses_override
+    scene_scale white_transparent black_transparent linear_colors sharpness blur_score
+    rotation time timestamp colmap_im_id depth_file_path depth_path integer_depth_scale
+    enable_depth_loading enable_ray_loading depth_unit_scale_factor normal_file_path
+    """.split()
 )
 
 
@@ -56,6 +73,7 @@ def read_entries(path: Path, is_test: bool) -> list[Entry]:
     frames = list(map(_stated, frames))
     for frame in frames:
         _check_own_size(path, shared, frame)
+    _name_unread(path, [shared, *frames])
     return [
         Entry(
             path,
@@ -65,6 +83,18 @@ def read_entries(path: Path, is_test: bool) -> list[Entry]:
         )
         for f in frames
     ]
+
+
+def _name_unread(path: Path, stated: Sequence[Mapping[str, Any]]) -> None:
+    """Names the keys that nobody reads: some tools state there what poses or lenses
+    mean, such as a matrix of intrinsics for each frame."""
+    keys = {key for values in stated for key in values} - KNOWN
+    unread = sorted(key for key in keys if "mask" not in key.lower())
+    if unread:
+        say_once(
+            f"WARNING: {path}: not read: {some(unread)}; if they say what its poses or "
+            "lenses mean, write that as transform_matrix, fl_x, fl_y, cx, cy"
+        )
 
 
 def _check_own_size(

@@ -55,7 +55,7 @@ def read_lens(frame: Entry) -> Lens:
             "of that circle is trained on; mask it with a folder masks"
         )
     model = str(frame.values.get("camera_model") or "OPENCV").upper()
-    if frame.values.get("is_fisheye", False):
+    if _is_fisheye(frame):
         model = "OPENCV_FISHEYE"
     if model == "EQUIRECTANGULAR":
         return Lens(model, width, height, (float(width), float(height)))
@@ -83,6 +83,16 @@ def read_lens(frame: Entry) -> Lens:
     if any(full.params[len(simple.params) :]):
         return full
     return simple if any(simple.params[len(pinhole) :]) else lens("PINHOLE")
+
+
+def _is_fisheye(frame: Entry) -> bool:
+    stated = frame.values.get("is_fisheye", False)
+    if stated not in (False, True):
+        raise UserError(
+            f"{frame.json_path}: is_fisheye of {frame.image_path.name} is "
+            f"{repr(stated)[:60]}; expected true or false"
+        )
+    return bool(stated)
 
 
 def _check_terms(frame: Entry, model: str) -> None:

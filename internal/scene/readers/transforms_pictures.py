@@ -77,9 +77,20 @@ def _alike(frame: Entry, folders: Folders) -> Path | None:
 def _by_stem(folder: Path) -> dict[str, list[Path]]:
     """The pictures of a folder by their names up to the ending, in lower case."""
     found: dict[str, list[Path]] = {}
+    folder = _of_any_case(folder)
     for path in _pictures(folder) if os.path.isdir(folder) else ():
         found.setdefault(composed(path.stem).casefold(), []).append(path)
     return found
+
+
+def _of_any_case(folder: Path) -> Path:
+    """The folder, or the one there whose name differs only in case."""
+    if os.path.isdir(folder) or not os.path.isdir(folder.parent):
+        return folder
+    named = composed(folder.name).casefold()
+    beside = folder.parent.glob("*")
+    alike = [x for x in beside if composed(x.name).casefold() == named]
+    return alike[0] if len(alike) == 1 else folder
 
 
 def _pictures(folder: Path) -> list[Path]:
