@@ -5,12 +5,8 @@ Pictures are read as float sRGB in [0, 1] and returned as uint16, 65535 being 1.
 """
 
 import dataclasses
-import functools
-import json
 import math
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt16
@@ -20,8 +16,7 @@ from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
 from internal.files.listing import list_pictures, say_once
-from internal.scene import colmap, exposures
-from internal.scene.config import SceneConfig
+from internal.scene import colmap
 from internal.scene.extent import Bounds
 from internal.scene.masks import Mask, blackened, is_of_shape
 from internal.scene.pairing import find_truth_folder, pair_truth, some
@@ -33,7 +28,6 @@ SAME_PLACE = 1e-6  # of the coordinates; single precision holds no less
 ALIKE = 0.05  # of a picture's sides
 FAR_FROM_MIDDLE = 0.15  # likewise: farther in both axes alike is another size
 STRAY = 100.0  # times the distance of half of the cameras
-GAINS_FILE = "exposures.json"  # written by prepare.py
 BRIGHTER = 4.0  # times the light of dark photos: exposures of one series differ less
 LOOKED_AT = 3  # photos of each
 FEWEST_POINTS = 8  # that tell where things are
@@ -278,107 +272,6 @@ def load_picture(
     if unrounded and is_rounded(srgb):
         shrunk = unround(shrunk)
     return color.to_uint16(shrunk)
-
-
-def find_gains(
-    config: SceneConfig, files: SceneFiles, has_photo: Bool[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, "n 3"], str]:
-    """Linear light of each photo over the scene's, and where that is known from: the
-    scene's file, else the points that its COLMAP model says photos share; ones and ""
-    where neither is there.
-
-    Raises:
-        UserError: as ``load_gains``.
-    """
-    data_dir = Path(config.data_dir)
-    gains = np.ones((len(files.names), 3), np.float32)
-    if not config.photo_gains:
-        return gains, ""
-    if (data_dir / GAINS_FILE).is_file() and not config.images_dir:
-        paths = [files.image_paths[view] for view in np.flatnonzero(has_photo)]
-        gains[has_photo] = load_gains(data_dir, paths)
-        return gains, GAINS_FILE
-    found = measured_exposures(data_dir, files, has_photo)
-    if found is None:
-        return gains, ""
-    return found.gains.astype(np.float32), "measured at points that photos share"
-
-
-def measured_exposures(
-    data_dir: Path, files: SceneFiles, has_photo: Bool[np.ndarray, " n"]
-) -> exposures.Exposures | None:
-    """Exposures of the photos at points that the scene's COLMAP model says they share;
-    None where it says nothing. Shows progress the first time."""
-    photos = tuple(
-        (view, path, path.stat().st_mtime_ns)
-        for view, path in enumerate(files.image_paths)
-        if has_photo[view]
-    )
-    return _measured(data_dir, files.names, photos)
-
-
-@functools.lru_cache(maxsize=1)  # scripts load both splits of a scene
-def _measured(
-    data_dir: Path, names: tuple[str, ...], photos: tuple[tuple[int, Path, int], ...]
-) -> exposures.Exposures | None:
-    """``measured_exposures``, once as long as nothing changes.
-
-    Args:
-        photos: view, file and time of change of each photo.
-    """
-    try:
-        sighted = exposures.find_sighted(data_dir, names)
-    except UserError as error:  # a model beside other poses
-        say_once(f"WARNING: {error}; photos are taken as equally exposed")
-        return None
-    paths = {view: path for view, path, _ in photos if view in sighted}
-    if not paths:
-        return None
-
-    def read(view: int) -> Float[np.ndarray, "_height _width 3"]:
-        try:
-            return image_io.read_srgb(paths[view], upright=False)
-        except UserError:  # said where the photo is used
-            return np.zeros((1, 1, 3), np.float32)
-
-    seen = {view: sighted[view] for view in paths}
-    return exposures.measure_gains(seen, read, len(names))
-
-
-def load_gains(data_dir: Path, image_paths: Sequence[Path]) -> Float[np.ndarray, "n 3"]:
-    """Linear light of each photo over the scene's, from the scene's file.
-
-    The file names a photo by its path inside the folder of photos.
-
-    Raises:
-        UserError: the file cannot be read, or a photo's gain is missing or senseless.
-    """
-    path = data_dir / GAINS_FILE
-    try:
-        stored = json.loads(path.read_text())["gains"]
-        gains = np.array([_own_gain(stored, path) for path in image_paths], np.float32)
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise UserError(
-            f"{path}: no gain for every photo ({error!r}); run prepare.py again, "
-            "delete the file, or set Config.photo_gains = False"
-        ) from error
-    if gains.shape != (len(image_paths), 3) or not np.all(
-        (gains > 0) & (gains < np.inf)
-    ):
-        raise UserError(
-            f"{path}: expected three positive numbers per photo; run prepare.py again, "
-            "delete the file, or set Config.photo_gains = False"
-        )
-    return gains
-
-
-def _own_gain(stored: Mapping[str, Any], photo: Path) -> Any:
-    """The gain under the longest end of a photo's path that has one."""
-    parts = photo.parts[1:] if photo.is_absolute() else photo.parts
-    for start in range(len(parts)):
-        if (end := "/".join(parts[start:])) in stored:
-            return stored[end]
-    raise KeyError(photo.name)
 
 
 def load_truth(
