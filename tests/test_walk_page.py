@@ -20,6 +20,11 @@ WIDTH, HEIGHT, ZOOM = 36, 32, 16
 
 IS_SHOWN = "() => window.__viserSceneTree?.getState()['/splats']?.effectiveVisibility"
 BARELY = 1.0  # dB
+TEN_FRAMES = """() => new Promise((done) => {
+  let drawn = 0;
+  const next = () => (++drawn > 10 ? done() : requestAnimationFrame(next));
+  next();
+})"""
 
 
 @pytest.fixture(scope="module")
@@ -132,6 +137,6 @@ def test_a_browser_that_draws_splats_slowly_walks_on_the_field(viewer, monkeypat
     until(lambda: session.may_walk, "splats again")
     panel.walk.light_anew()
     until(lambda: other.evaluate(IS_SHOWN), "splats")
-    other.wait_for_timeout(500)
+    other.evaluate(TEN_FRAMES)
     assert choice.is_checked()
     other.close()
