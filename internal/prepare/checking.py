@@ -30,14 +30,12 @@ from internal.scene import colmap, exposures, readers
 from internal.scene.exposures import Sighted
 from internal.scene.gains import measured_exposures
 from internal.scene.loading import (
-    check_lenses,
-    check_poses,
-    check_sides,
     find_truth,
     fit_lenses,
     held_out,
 )
 from internal.scene.plausible import cloud_fault
+from internal.scene.pose_checks import check_lenses, check_poses, check_sides
 from internal.scene.readers.base import POINTS_OF_MODEL, SceneFiles
 
 NEIGHBOURS = 3  # that each view is matched with

@@ -3,7 +3,7 @@
 
 Readers (``internal/scene/readers``) turn a folder into ``SceneFiles`` and share nothing
 but that structure; ``load_scene`` turns ``SceneFiles`` into a ``Scene``, by the
-steps of ``loading.py`` and ``extent.py``.
+steps of ``loading``, ``extent`` and ``gains``.
 Pictures are kept as uint16 sRGB (65535 is 1.0): 8-bit levels are exact in it and
 an area average keeps the precision it gained.
 """
@@ -38,22 +38,24 @@ from internal.scene.gains import find_gains
 from internal.scene.identity import Identity, identify
 from internal.scene.loading import (
     Truth,
-    check_lenses,
-    check_poses,
-    check_sides,
     find_truth,
     fit_lenses,
     held_out,
     load_picture,
     load_truth,
-    warn_of_leaks,
-    warn_of_one_place,
-    warn_of_strays,
 )
 from internal.scene.masks import Mask, everything, load_masks, masked_share, report
 from internal.scene.noise import Noise, noise_of_files
 from internal.scene.pairing import some
 from internal.scene.plausible import check_depths, warn_of_other_frame
+from internal.scene.pose_checks import (
+    check_lenses,
+    check_poses,
+    check_sides,
+    warn_of_leaks,
+    warn_of_one_place,
+    warn_of_strays,
+)
 from internal.scene.readers.base import SceneFiles
 
 # LOM's dark pictures average 0.05 to 0.1 in sRGB, their normal-light twins 0.5.
