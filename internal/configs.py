@@ -30,6 +30,7 @@ class ModelConfig:
     enhancement: Enhancement | None = dataclasses.field(default_factory=Gamma)
     num_samples: tuple[int, ...] = (128, 128)  # per level of hierarchical sampling
     resample_padding: float = 0.01  # mip-NeRF Eq. 18
+    near_reach: float = 0.0  # of ``coord.Space.gradient_share``; 0: all learn alike
     ray_shape: str = "auto"  # cone, cylinder; auto: cylinder in NDC
     deg_view: int = 4
     head_width: int = 128  # hidden width of F1 and F2
@@ -47,7 +48,8 @@ class LossConfig:
     observation: str = "ideal"  # photos show colours; noisy: internal/scene/noise.py
     coarse: float = 0.1  # data term of the levels before the last
     interlevel: float = 1.0  # of proposals, where the field has them
-    distortion: float = 0.01
+    distortion: float = 0.01  # at the first step; so many times that at the last:
+    distortion_growth: float = 1.0
 
 
 @configurable("Optimizer")

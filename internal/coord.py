@@ -48,6 +48,18 @@ class Space(Protocol):
         looks them up. ``t_var`` is along the ray (in units of t), ``r_var`` across."""
         ...
 
+    def gradient_share(self, t: Float[Array, "*b"], reach: float) -> Float[Array, "*b"]:
+        """The part of its gradient that a sample at t learns by.
+
+        A camera asks for what is near to it by many more rays than for what is far, so
+        haze in front of it is learned first. By the square of the distance all places
+        learn alike (Philip and Deschaintre, Floaters No More, EGSR 2023).
+
+        Args:
+            reach: from there on it is all of it, in distances of the nearest sample.
+        """
+        ...
+
     def depth(self, t: Float[Array, "*b"]) -> Float[Array, "*b"]:
         """Depth along the camera's axis in scene units."""
         ...
@@ -99,6 +111,10 @@ class ForwardFacing:
         r_var: Float[Array, "*b 1"],
     ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
         return mean, mip.lift_variance(directions, t_var, r_var)
+
+    def gradient_share(self, t: Float[Array, "*b"], reach: float) -> Float[Array, "*b"]:
+        """All of it: rays of this space are as dense in front as behind."""
+        return jnp.ones_like(t)
 
     def depth(self, t: Float[Array, "*b"]) -> Float[Array, "*b"]:
         return 1.0 / jnp.maximum(1.0 - t, NEAR_INFINITY)
@@ -152,6 +168,9 @@ class Unbounded:
         r_var: Float[Array, "*b 1"],
     ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
         return contract(mean), contracted_variance(mean, directions, t_var, r_var)
+
+    def gradient_share(self, t: Float[Array, "*b"], reach: float) -> Float[Array, "*b"]:
+        return jnp.clip(t / (reach * self.near), 0.0, 1.0) ** 2
 
     def depth(self, t: Float[Array, "*b"]) -> Float[Array, "*b"]:
         return t

@@ -28,7 +28,7 @@ from internal.structs import (
     LitRendering,
     Rendering,
 )
-from internal.volume import composite, compute_weights
+from internal.volume import composite, compute_weights, with_gradient
 
 
 class Model(nn.Module):
@@ -134,6 +134,10 @@ class Model(nn.Module):
         gaussians = self._gaussians(rays, space, t_edges)
         noise = self._density_noise(s_edges[:, 1:].shape, key)
         samples = self.field(*gaussians, rays.viewdirs, noise)
+        if self.config.near_reach:
+            t_mean = 0.5 * (t_edges[:, :-1] + t_edges[:, 1:])
+            share = space.gradient_share(t_mean, self.config.near_reach)
+            samples = with_gradient(samples, share)
         weights = compute_weights(samples.density, t_edges, rays.directions)
         return Level(s_edges, weights, composite(weights, samples.rgb), samples)
 

@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Volume rendering: density to weights, weights to pixels."""
 
+from typing import Any
+
+import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.lax import stop_gradient
 from jaxtyping import Float
 
 
@@ -30,3 +34,14 @@ def composite(
 ) -> Float[Array, "*b c"]:
     """The weighted sum of a quantity along each ray, sum_i w_i c_i (LLNeRF Eq. 2)."""
     return jnp.einsum("...n,...nc->...c", weights, values)
+
+
+def with_gradient(samples: Any, share: Float[Array, "*b n"]) -> Any:
+    """The same samples, arrays ``[*b, n, ...]``, of which only a share of the gradient
+    is passed on."""
+
+    def scaled(values: Array) -> Array:
+        wide = share.reshape(share.shape + (1,) * (values.ndim - share.ndim))
+        return values + (wide - 1.0) * (values - stop_gradient(values))
+
+    return jax.tree.map(scaled, samples)

@@ -46,6 +46,13 @@ def test_unbounded_distances_run_from_near_to_far_evenly_in_disparity():
     np.testing.assert_allclose(t, [0.5, 1 / (0.5 / 40 + 0.5 / 0.5), 40.0], rtol=1e-5)
 
 
+def test_near_samples_learn_by_the_square_of_their_distance():
+    t = jnp.array([0.5, 1.0, 1.5, 2.0, 30.0])
+    share = CONTRACTED.gradient_share(t, reach=3.0)
+    np.testing.assert_allclose(share, [1 / 9, 4 / 9, 1.0, 1.0, 1.0], rtol=1e-6)
+    np.testing.assert_array_equal(NDC.gradient_share(t, reach=3.0), 1.0)
+
+
 def test_contraction_is_identity_inside_and_reaches_two():
     inside = jnp.array([0.3, -0.5, 0.1])
     np.testing.assert_allclose(contract(inside), inside, rtol=1e-6)

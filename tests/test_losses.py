@@ -136,12 +136,12 @@ EDGES = jnp.array([[0.0, 0.2, 0.5, 1.0]])
 WEIGHTS = jnp.array([[0.2, 0.7, 0.1]])
 
 
-def terms(config: LossConfig, proposed: jax.Array, seen: jax.Array):
-    """Of a ray with a proposal and a coarse level."""
+def terms(config: LossConfig, proposed: jax.Array, seen: jax.Array, share: float = 0.0):
+    """Of a ray with a proposal and a coarse level, so far into the training."""
     rgb = jnp.full((1, 3), 0.2)
     level = Level(EDGES, seen, rgb, Colored(jnp.ones((1, 1)), rgb[:, None]))
     levels = Levels((Histogram(EDGES, proposed),), (level,), level)
-    return field_terms(config, levels, [0.5 * rgb, rgb], 0.9 * rgb, 0.1)
+    return field_terms(config, levels, [0.5 * rgb, rgb], 0.9 * rgb, 0.1, share)
 
 
 def test_terms_of_the_field_by_hand():
@@ -159,6 +159,15 @@ def test_terms_of_the_field_by_hand():
     for name, value in expected.items():
         assert value > 0.0
         np.testing.assert_allclose(got[name], value, rtol=1e-5, err_msg=name)
+
+
+def test_the_weight_of_distortion_grows_in_equal_ratios_and_no_other_does():
+    config = LossConfig(distortion=0.2, distortion_growth=9.0)
+    start, half, end = (terms(config, WEIGHTS / 2, WEIGHTS, x) for x in (0.0, 0.5, 1.0))
+    spread = stepfun.distortion(EDGES, WEIGHTS)[0]
+    for got, weight in ((start, 0.2), (half, 0.6), (end, 1.8)):
+        np.testing.assert_allclose(got.pop("distortion"), weight * spread, rtol=1e-5)
+    assert start == half == end
 
 
 def test_interlevel_moves_the_proposal_and_not_what_it_proposes_for():

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The model: decomposition, enhancement, light edits, rays of both spaces."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 
 from internal.cameras import cast_rays
@@ -13,7 +16,7 @@ from internal.enhancements.look import NEUTRAL, Look
 from internal.models import Model, depth, ray_shape
 from internal.structs import Colored, Level, LitRendering, Rendering
 from internal.training.step import initial_state
-from internal.volume import composite
+from internal.volume import composite, with_gradient
 from tests.conftest import TINY_MODEL, TINY_PLAIN
 
 
@@ -132,6 +135,40 @@ def test_samples_are_where_they_are_whatever_the_loss(trained, rays, ndc):
 
     gradients = jax.tree.leaves(jax.jit(jax.grad(middles))(params))
     assert all(np.all(x == 0.0) for x in gradients)
+
+
+def test_what_is_nearer_than_the_reach_learns_less_and_looks_the_same(tiny_cameras):
+    space = Unbounded(np.float32(0.5), np.float32(20.0))
+    index = jnp.zeros(4, jnp.int32)
+    rays = jax.jit(cast_rays)(tiny_cameras, space, index, index, index)
+
+    def learned(reach):
+        config = load_config([], [*TINY_MODEL, f"Model.near_reach = {reach}"])
+        model = Model(config.model)
+
+        def brightness(params):
+            levels: Any = model.apply({"params": params}, rays, space, method="march")
+            return jnp.sum(levels.last.rgb), levels.last.rgb
+
+        params = initial_state(config, model).params
+        return jax.jit(jax.grad(brightness, has_aux=True))(params)
+
+    (whole, rgb), (all_of_it, same), (little, also) = map(learned, (0.0, 1.0, 1e3))
+    np.testing.assert_array_equal(same, rgb)
+    np.testing.assert_array_equal(also, rgb)
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, 1e-4), all_of_it, whole)
+    most = (20.0 / 500.0) ** 2  # of the farthest sample
+    assert 0.0 < optax.tree.norm(little) < most * optax.tree.norm(whole)
+
+
+def test_with_gradient_passes_on_a_share_of_each_samples_gradient():
+    share = jnp.array([[0.25, 1.0]])
+    samples = {"a": jnp.ones((1, 2)), "b": jnp.full((1, 2, 3), 2.0)}
+    kept, passed_on = jax.vjp(lambda x: with_gradient(x, share), samples)
+    jax.tree.map(np.testing.assert_array_equal, kept, samples)
+    (got,) = passed_on(samples)
+    np.testing.assert_array_equal(got["a"], share)
+    np.testing.assert_array_equal(got["b"], 2.0 * np.tile(share[..., None], 3))
 
 
 def test_ray_shape_is_automatic_or_forced(ndc):

@@ -79,6 +79,7 @@ def field_terms(
     photos: list[Float[Array, "rays 3"]],
     rgb: Float[Array, "rays 3"],
     eps: float,
+    share: float | Float[Array, ""],
 ) -> Terms:
     """Weighted terms that teach the field.
 
@@ -86,6 +87,7 @@ def field_terms(
         photos: what the levels that have a colour say a photo shows, coarse first.
         rgb: what it does show.
         eps: the data term's epsilon_2.
+        share: of the training that is done.
     """
     last = levels.last
     data = [losses.data_loss(photo, rgb, eps=eps) for photo in photos]
@@ -95,7 +97,8 @@ def field_terms(
         for x in levels.proposals
     ]
     spread = stepfun.distortion(last.s_edges, last.weights)
-    terms = {"data": data[-1], "distortion": config.distortion * jnp.mean(spread)}
+    weight = config.distortion * config.distortion_growth**share
+    terms = {"data": data[-1], "distortion": weight * jnp.mean(spread)}
     if len(data) > 1:
         terms["coarse"] = config.coarse * sum(data[:-1], jnp.zeros(()))
     if lacks:
@@ -117,10 +120,16 @@ class Teacher:
     observe: noise.Observation  # what photos show of a colour on average
 
     def teach_field(
-        self, params: Params, rays: Rays, space: Space, batch: Batch, key: PRNGKeyArray
+        self,
+        params: Params,
+        rays: Rays,
+        space: Space,
+        batch: Batch,
+        key: PRNGKeyArray,
+        share: Float[Array, ""],
     ) -> tuple[Params, Level, Float[Array, ""], Terms]:
-        """Gradient of the field's terms, its last level, the mean squared error of
-        what it says the photos show, and the terms."""
+        """Gradient of the field's terms after a share of the training, its last level,
+        the mean squared error of what it says the photos show, and the terms."""
         rgb = jnp.reshape(batch.rgb(), (-1, 3))
         gain = jnp.reshape(jnp.asarray(batch.gains), (-1, 3))
         march: Any = functools.partial(self.model.apply, method="march")
@@ -129,7 +138,9 @@ class Teacher:
             levels: Levels = march({"params": params}, rays, space, key)
             colored = (*levels.coarse, levels.last)
             photos = [self.observe(color.expose(x.rgb, gain)) for x in colored]
-            terms = field_terms(self.config.losses, levels, photos, rgb, self.data_eps)
+            terms = field_terms(
+                self.config.losses, levels, photos, rgb, self.data_eps, share
+            )
             total = sum(terms.values(), jnp.zeros(()))
             error = jnp.mean((jnp.clip(photos[-1], 0.0, 1.0) - rgb) ** 2)
             return total, (levels.last, error, terms)
@@ -164,8 +175,9 @@ def gradients(
 ) -> tuple[Params, Terms, Float[Array, ""]]:
     """Gradients, loss terms and mean squared error over some of a batch. The
     enhancement costs nothing before ``enhance_start``."""
+    share = state.step / teacher.config.train.max_steps
     grads, last, error, terms = teacher.teach_field(
-        state.params, rays, space, batch, key
+        state.params, rays, space, batch, key, share
     )
     if teacher.config.model.enhancement is not None:
         teach = functools.partial(teacher.teach_enhancement, level=last, space=space)
