@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The enhancement of v: identity, the paper's formula, light edits."""
 
+import dataclasses
+from typing import Any
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from internal import losses
 from internal.enhancements.gamma import (
     Coefficients,
     Gamma,
@@ -13,7 +18,7 @@ from internal.enhancements.gamma import (
     light_v,
 )
 from internal.enhancements.look import NEUTRAL, Look
-from internal.structs import LitRendering
+from internal.structs import Decomposed, Level, LitRendering
 
 V = jnp.array([[0.004], [0.05], [0.7]])
 COEFFICIENTS = Coefficients(
@@ -47,16 +52,40 @@ def test_neutral_edit_changes_no_bit():
     np.testing.assert_array_equal(edited, plain)
 
 
-def terms(enhancement: Gamma) -> dict[str, float]:
-    """Of two patches of three rays."""
+def rendering() -> LitRendering:
+    """Two patches of three rays."""
     draw = np.random.default_rng(0).uniform
 
     def rays(channels):
         return jnp.asarray(draw(0.1, 0.9, (6, channels)), jnp.float32)
 
     lit = GammaLit(rays(3), rays(3), rays(1), rays(3), rays(1))
-    rendering = LitRendering(rays(3), rays(1), rays(1), rays(3), lit)
-    return {name: float(term) for name, term in enhancement.terms(rendering).items()}
+    return LitRendering(rays(3), rays(1), rays(1), rays(3), lit)
+
+
+def terms(enhancement: Gamma) -> dict[str, float]:
+    return {name: float(term) for name, term in enhancement.terms(rendering()).items()}
+
+
+def test_gray_is_asked_of_the_lit_colour_as_far_as_the_basis_is_gray():
+    """L_c2 (LLNeRF Eq. 9) compares c_hat with r."""
+    seen = rendering()
+    expected = losses.gray_world_loss(seen.enhanced, seen.r, bias=0.5)
+    np.testing.assert_allclose(
+        terms(Gamma(gray=2.0))["gray"], 2.0 * expected, rtol=1e-5
+    )
+
+
+def test_phi_looks_at_v_and_a_white_basis_shows_v_hat():
+    network: Any = Gamma(width=4).network("enhancement")
+    v = jnp.exp(jax.random.uniform(jax.random.key(0), (3, 2, 1), minval=-4.0))
+    white = Decomposed(v[..., 0], v, jnp.ones((3, 2, 3)), jnp.ones((3, 2, 5)))
+    level = Level(jnp.ones((3, 3)), jnp.full((3, 2), 0.5), jnp.ones((3, 3)), white)
+    params = network.init(jax.random.key(1), level, NEUTRAL)
+    lit = network.apply(params, level, NEUTRAL)
+    np.testing.assert_allclose(lit.v_enhanced, lit.enhanced, rtol=1e-6)
+    brighter = dataclasses.replace(level, samples=dataclasses.replace(white, v=2.0 * v))
+    assert jnp.all(network.apply(params, brighter, NEUTRAL).alpha != lit.alpha)
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,18 @@ def test_saturation_keeps_luminance_and_gray_and_one_is_identity():
     luminances = vivid @ LUMINANCE_WEIGHTS, DARK @ LUMINANCE_WEIGHTS
     np.testing.assert_allclose(*luminances, rtol=1e-5)
     assert jnp.ptp(vivid[0]) > jnp.ptp(DARK[0])
+    assert jnp.all(saturate(jnp.eye(3), jnp.float32(2.0)) >= 0.0)
+
+
+@pytest.mark.parametrize(("wanted", "kept"), [(0.5, 1.0), (1.4, 1.4), (3.0, 2.0)])
+def test_a_saturation_beyond_its_range_keeps_its_gradient(wanted, kept):
+    def saturation(parameter):
+        held = {"params": {"saturation": parameter}}
+        curve: Any = ToneNetwork(Tone()).apply(held, method="curve")
+        return curve.saturation
+
+    found, slope = jax.value_and_grad(saturation)(jnp.float32(wanted))
+    assert (found, slope) == (pytest.approx(kept), 1.0)
 
 
 def test_develop_is_gain_then_response_in_linear_light():
