@@ -19,7 +19,7 @@ from internal.files import image_io
 from internal.prepare.pipeline import Inputs, prepare
 from internal.prepare.scene_files import HOLDOUT
 from internal.scene import readers
-from internal.scene.loading import GAINS_FILE, load_gains
+from internal.scene.gains import GAINS_FILE, load_gains
 from internal.scene.pairing import find_truth_folder
 from internal.scene.readers.base import SceneFiles
 

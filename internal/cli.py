@@ -41,6 +41,4 @@ def load_split(config: Config, split: str) -> Scene:
     folders = [Path(config.data_dir)]
     if config.checkpoint_dir:
         folders.append(Path(config.checkpoint_dir))
-    return load_scene(
-        config, split, lambda files, views: depths.find_points(files, views, folders)
-    )
+    return load_scene(config, split, depths.find_points, folders)

@@ -19,6 +19,13 @@ DENSITY_BIAS = -1.0
 COLOR_BIAS = -5.0  # a new network is dark: exp(-5) is 1.7 / 255
 
 
+def density_of(
+    raw_density: Float[Array, "*b"], noise: Float[Array, "*b"] | float = 0.0
+) -> Float[Array, "*b"]:
+    """Density, per unit of length, of what a trunk or a proposal answers."""
+    return nn.softplus(raw_density + DENSITY_BIAS + noise)
+
+
 class Lighting(nn.Module):
     """F1: features and view direction -> v (one channel) and its hidden layer."""
 
@@ -64,7 +71,7 @@ class DecomposedField(nn.Module):
             features, viewdirs
         )
         r = Basis(self.width, name="basis")(features)
-        density = nn.softplus(raw_density + DENSITY_BIAS + density_noise)
+        density = density_of(raw_density, density_noise)
         return Decomposed(density, v, r, hidden)
 
 
@@ -86,7 +93,7 @@ class PlainField(nn.Module):
         raw_density, features = self.field.trunk("density")(mean, var)
         hidden = _view_layer(self.width, self.deg_view, features, viewdirs)
         rgb = jnp.exp(Dense(3)(hidden) + COLOR_BIAS)
-        density = nn.softplus(raw_density + DENSITY_BIAS + density_noise)
+        density = density_of(raw_density, density_noise)
         return Colored(density, rgb)
 
 

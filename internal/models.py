@@ -19,7 +19,7 @@ from internal.cameras import Rays
 from internal.configs import ModelConfig
 from internal.coord import Space
 from internal.enhancements.look import LightEdit
-from internal.heads import DENSITY_BIAS, DecomposedField, PlainField
+from internal.heads import DecomposedField, PlainField, density_of
 from internal.structs import (
     Decomposed,
     Histogram,
@@ -119,8 +119,7 @@ class Model(nn.Module):
         """Where the field's proposal expects something."""
         assert self.proposal is not None
         t_edges = space.s_to_t(s_edges)
-        raw_density = self.proposal(*self._gaussians(rays, space, t_edges))
-        density = nn.softplus(raw_density + DENSITY_BIAS)
+        density = density_of(self.proposal(*self._gaussians(rays, space, t_edges)))
         return Histogram(s_edges, compute_weights(density, t_edges, rays.directions))
 
     def _ask_field(

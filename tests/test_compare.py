@@ -203,7 +203,7 @@ def test_enhanced_photos_are_transparent_where_the_photo_was(tmp_path, monkeypat
     assert compare("scene") == 0
     photo = Path("out/scene/photos/lime/00.png")
     np.testing.assert_array_equal(image_io.read_alpha(photo), rgba[..., 3])
-    assert not image_io.has_alpha(photo.with_name("01.png"))
+    assert not image_io.read_header(photo.with_name("01.png")).has_alpha
 
 
 def test_scenes_without_truth_have_figures_and_no_scores(scene):

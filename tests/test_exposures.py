@@ -7,11 +7,14 @@ import pytest
 
 from internal.color import srgb_to_linear
 from internal.files import image_io
+from internal.scene import exposures
 from internal.scene.colmap import project
 from internal.scene.config import SceneConfig
 from internal.scene.exposures import Sighted, find_sighted, measure_gains
+from internal.scene.gains import KEPT_FILE
 from internal.scene.scene import Scene, load_scene
 from tests.scene_writers import (
+    World,
     facing_world,
     flat_picture,
     write_colmap,
@@ -23,9 +26,9 @@ WORLD = facing_world(5)
 LEVELS = np.array([10.0, 20.0, 14.0, 9.0, 30.0])  # of 255, of a scene of one grey
 
 
-def load(folder, **settings) -> Scene:
+def load(folder, kept_in=(), **settings) -> Scene:
     config = SceneConfig(str(folder), holdout=0, **settings)
-    return load_scene(config, "train")
+    return load_scene(config, "train", folders=kept_in)
 
 
 def write_flat(folder) -> None:
@@ -78,6 +81,33 @@ def test_a_broken_model_beside_poses_with_points_of_their_own_is_warned_of(
     (model / "images.bin").write_bytes(b"\1" * 20)
     np.testing.assert_array_equal(load(tmp_path).gains, 1.0)
     assert "taken as equally exposed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("change", ["nothing", "photo", "sightings", "torn"])
+def test_exposures_are_measured_once_of_these_photos_and_sightings(
+    tmp_path, monkeypatch, change
+):
+    write_colmap(tmp_path, WORLD, tracked=True)
+    write_flat(tmp_path / "images")
+    before = load(tmp_path, [tmp_path / "images" / WORLD.names[0], tmp_path]).gains
+    counted = []
+    monkeypatch.setattr(
+        exposures,
+        "measure_gains",
+        lambda *given: counted.append(1) or measure_gains(*given),
+    )
+    kept = tmp_path / KEPT_FILE
+    if change == "photo":
+        image_io.write(tmp_path / "images" / WORLD.names[0], flat_picture(99.0))
+    elif change == "sightings":
+        moved = World(WORLD.camtoworlds, WORLD.points * 1.0001)
+        write_model(tmp_path / "sparse/0", moved, tracked=True)
+    elif change == "torn":
+        kept.write_bytes(kept.read_bytes()[:100])
+    gains = [before, *(load(tmp_path, [tmp_path]).gains for _ in range(2))]
+    assert len(counted) == (change != "nothing")
+    assert np.array_equal(gains[0], gains[1]) == (change != "photo")
+    np.testing.assert_array_equal(gains[1], gains[2])
 
 
 def test_equal_photos_keep_every_bit_of_their_light(tmp_path, capsys):

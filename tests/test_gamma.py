@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The enhancement of v: identity, the paper's formula, light edits."""
 
-import itertools
+import dataclasses
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from internal import losses
 from internal.enhancements.gamma import (
     Coefficients,
     Gamma,
@@ -15,7 +18,7 @@ from internal.enhancements.gamma import (
     light_v,
 )
 from internal.enhancements.look import NEUTRAL, Look
-from internal.structs import LitRendering
+from internal.structs import Decomposed, Level, LitRendering
 
 V = jnp.array([[0.004], [0.05], [0.7]])
 COEFFICIENTS = Coefficients(
@@ -49,37 +52,40 @@ def test_neutral_edit_changes_no_bit():
     np.testing.assert_array_equal(edited, plain)
 
 
-def test_strength_zero_is_the_dark_scene():
-    v_hat = light_v(V, COEFFICIENTS, 2.2, Look(strength=0.0).edit())
-    np.testing.assert_array_equal(v_hat, jnp.broadcast_to(V, (3, 3)))
-
-
-def test_strength_moves_monotonically_from_dark_to_enhanced():
-    steps = [
-        light_v(V, COEFFICIENTS, 2.2, Look(strength=s).edit())
-        for s in (0.0, 0.3, 0.7, 1.0)
-    ]
-    for darker, brighter in itertools.pairwise(steps):
-        assert jnp.all(brighter > darker)
-
-
-@pytest.mark.parametrize("stops", [-1.0, 0.5, 2.0])
-def test_exposure_multiplies_linear_light(stops):
-    plain = light_v(V, COEFFICIENTS, 2.2, NEUTRAL)
-    edited = light_v(V, COEFFICIENTS, 2.2, Look(exposure=stops).edit())
-    np.testing.assert_allclose((edited / plain) ** 2.2, 2.0**stops, rtol=1e-5)
-
-
-def terms(enhancement: Gamma) -> dict[str, float]:
-    """Of two patches of three rays."""
+def rendering() -> LitRendering:
+    """Two patches of three rays."""
     draw = np.random.default_rng(0).uniform
 
     def rays(channels):
         return jnp.asarray(draw(0.1, 0.9, (6, channels)), jnp.float32)
 
     lit = GammaLit(rays(3), rays(3), rays(1), rays(3), rays(1))
-    rendering = LitRendering(rays(3), rays(1), rays(1), rays(3), lit)
-    return {name: float(term) for name, term in enhancement.terms(rendering).items()}
+    return LitRendering(rays(3), rays(1), rays(1), rays(3), lit)
+
+
+def terms(enhancement: Gamma) -> dict[str, float]:
+    return {name: float(term) for name, term in enhancement.terms(rendering()).items()}
+
+
+def test_gray_is_asked_of_the_lit_colour_as_far_as_the_basis_is_gray():
+    """L_c2 (LLNeRF Eq. 9) compares c_hat with r."""
+    seen = rendering()
+    expected = losses.gray_world_loss(seen.enhanced, seen.r, bias=0.5)
+    np.testing.assert_allclose(
+        terms(Gamma(gray=2.0))["gray"], 2.0 * expected, rtol=1e-5
+    )
+
+
+def test_phi_looks_at_v_and_a_white_basis_shows_v_hat():
+    network: Any = Gamma(width=4).network("enhancement")
+    v = jnp.exp(jax.random.uniform(jax.random.key(0), (3, 2, 1), minval=-4.0))
+    white = Decomposed(v[..., 0], v, jnp.ones((3, 2, 3)), jnp.ones((3, 2, 5)))
+    level = Level(jnp.ones((3, 3)), jnp.full((3, 2), 0.5), jnp.ones((3, 3)), white)
+    params = network.init(jax.random.key(1), level, NEUTRAL)
+    lit = network.apply(params, level, NEUTRAL)
+    np.testing.assert_allclose(lit.v_enhanced, lit.enhanced, rtol=1e-6)
+    brighter = dataclasses.replace(level, samples=dataclasses.replace(white, v=2.0 * v))
+    assert jnp.all(network.apply(params, brighter, NEUTRAL).alpha != lit.alpha)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from internal import losses, stepfun
 from internal.configs import LossConfig
 from internal.structs import Colored, Histogram, Level, Levels
-from internal.training.step import field_terms
+from internal.training.step import data_eps, field_terms
 
 GRAY = jnp.full((4, 3), 0.3)
 
@@ -142,6 +142,11 @@ def terms(config: LossConfig, proposed: jax.Array, seen: jax.Array, share: float
     level = Level(EDGES, seen, rgb, Colored(jnp.ones((1, 1)), rgb[:, None]))
     levels = Levels((Histogram(EDGES, proposed),), (level,), level)
     return field_terms(config, levels, [0.5 * rgb, rgb], 0.9 * rgb, 0.1, share)
+
+
+def test_the_epsilon_of_the_data_term_grows_with_the_photos_mean():
+    config = LossConfig(data_eps=1e-3, data_eps_of_mean=0.5)
+    assert data_eps(config, 0.06) == pytest.approx(0.031)
 
 
 def test_terms_of_the_field_by_hand():

@@ -79,12 +79,6 @@ def test_a_warm_light_warms_the_lit_picture_and_no_other(trained, rays, ndc):
     np.testing.assert_array_equal(warm.rgb, plain.rgb)
 
 
-def test_strength_zero_renders_the_dark_scene(trained, rays, ndc):
-    apply, params = trained
-    off = apply(params, rays, ndc, Look(strength=0.0).edit())
-    np.testing.assert_allclose(off.enhanced, off.rgb, rtol=1e-5)
-
-
 def test_an_enhancement_moves_itself_and_nothing_else(trained, rays, ndc):
     apply, params = trained
 

@@ -13,7 +13,8 @@ from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
 from internal.scene.config import SceneConfig
-from internal.scene.loading import check_lenses, load_gains
+from internal.scene.gains import load_gains
+from internal.scene.pose_checks import check_lenses
 from internal.scene.readers import read_files
 from internal.scene.readers.transforms_entries import Entry
 from internal.scene.scene import load_scene

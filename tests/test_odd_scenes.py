@@ -13,7 +13,8 @@ from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io, ply
 from internal.scene.config import SceneConfig
-from internal.scene.loading import check_lenses, fit_lenses
+from internal.scene.loading import fit_lenses
+from internal.scene.pose_checks import check_lenses
 from internal.scene.readers import read_files, transforms_pictures
 from internal.scene.scene import load_scene
 from tests.scene_writers import (

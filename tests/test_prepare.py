@@ -21,7 +21,7 @@ from internal.prepare import attempts, brighten, mapping, sharpness
 from internal.prepare.pipeline import Inputs, prepare
 from internal.scene import colmap, readers
 from internal.scene.config import SceneConfig
-from internal.scene.loading import measured_exposures
+from internal.scene.gains import measured_exposures
 from internal.scene.pose_comparison import compare_poses
 from internal.scene.scene import load_scene
 from tests.scene_writers import edit_json, flat_picture
@@ -212,7 +212,7 @@ def test_check_accepts_right_poses_and_refuses_wrong_ones(scene, tmp_path, capsy
     assert "rotation median 0.000" in capsys.readouterr().out
     report = json.loads((scene / "report" / "report.json").read_text())
     files = readers.read_files(scene, "auto", "")
-    trained_with = measured_exposures(scene, files, np.ones(len(files.names), bool))
+    trained_with = measured_exposures(scene, files, np.ones(len(files.names), bool), ())
     assert trained_with is not None
     largest = np.abs(trained_with.measured_stops).max()
     assert report["exposure_stops"] == pytest.approx(largest, rel=1e-6)

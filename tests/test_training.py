@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The train step: learning, who learns from what, devices, NaNs, resuming."""
 
+import dataclasses
+
 import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 
 from internal import parallel
@@ -134,6 +137,40 @@ def test_a_step_that_is_not_finite_keeps_the_state_and_is_named(tiny_run):
         training.check_finite(stats, 5)
 
 
+@pytest.mark.parametrize("group", ["field", "enhancement"])
+def test_a_gradient_that_is_not_finite_keeps_the_state(group):
+    params = {name: {"w": jnp.ones(2)} for name in ("field", "enhancement")}
+    adam = optax.adam(0.1)
+    state = training.TrainState(jnp.int32(3), params, adam.init(params))
+    terms = {"data": jnp.ones(())}
+    moved, _, finite = training.apply_if_finite(adam, state, params, terms)
+    assert finite and moved.step == 4
+    broken = params | {group: {"w": jnp.array([1.0, jnp.inf])}}
+    kept, norms, finite = training.apply_if_finite(adam, state, broken, terms)
+    assert not finite and not jnp.isfinite(norms[group])
+    chex.assert_trees_all_equal(kept, state)
+
+
+def test_each_step_draws_samples_of_its_own_even_of_the_same_pixels(
+    tiny_config, tiny_cameras, tiny_images, ndc
+):
+    mesh = parallel.data_mesh(8, jax.devices()[:1])
+    model = Model(tiny_config.model)
+    step = jax.jit(training.make_train_step(tiny_config, model, mesh, 0.1))
+    ones = np.ones((3, 3), np.float32)
+    source = sampler.resident_pixels(tiny_images, ones, sampler.Chances())
+    batch = source.batch(tiny_cameras, tiny_config.train, 2, jnp.int32(0))
+    start = training.initial_state(tiny_config, model)
+
+    def psnr(number):
+        state = dataclasses.replace(start, step=jnp.int32(number))
+        _, stats = step(state, tiny_cameras, ndc, sampler.FedPixels(batch))
+        return stats.psnr
+
+    seen = [psnr(number) for number in (0, 1, 0)]
+    assert seen[0] == seen[2] != seen[1]
+
+
 def test_finite_steps_pass_the_check(tiny_run):
     run, state = tiny_run
     _, stats = run(state, 1)
@@ -166,6 +203,12 @@ def test_parts_of_a_batch_average_to_the_whole(tiny_cameras, tiny_images):
 
     def work(batch, key):
         return {"mean": jnp.mean(batch.rgb()), "sum": jnp.mean(batch.pixels.x)}
+
+    def drawn(batch, key):
+        return jnp.stack([jax.random.uniform(key), jax.random.uniform(key) ** 2])
+
+    first, second = training.mean_over_parts(drawn, batch, key, 4)
+    assert second > first**2 + 1e-3  # each part draws for itself
 
     whole = training.mean_over_parts(work, batch, key, 1)
     for passes in (2, 4, 8):

@@ -59,24 +59,14 @@ def read(path: Path) -> Decoded:
     return Decoded(np.atleast_3d(pixels), icc, _codes(path))
 
 
-def read_size(path: Path) -> tuple[int, int]:
-    """(width, height) in pixels, from the file's header alone.
+def read_header(path: Path) -> tuple[tuple[int, int], bool]:
+    """(width, height) in pixels, and whether there is an alpha channel.
 
     Raises:
         UserError: as ``read``, as far as the header tells.
     """
     with _opened(path) as image:
-        return image.size
-
-
-def has_alpha(path: Path) -> bool:
-    """Whether there is an alpha channel.
-
-    Raises:
-        UserError: as ``read``, as far as the header tells.
-    """
-    with _opened(path) as image:
-        return "A" in image.mode
+        return image.size, "A" in image.mode
 
 
 def read_camera(path: Path) -> tuple[tuple[str, ...], tuple[float, ...]]:

@@ -69,22 +69,45 @@ class Exif:
     focal_35mm: float = 0.0  # for the diagonal of 35 mm film, mm; likewise
 
 
+@dataclasses.dataclass(frozen=True)
+class Header:
+    """What a photo's file says before its pixels."""
+
+    stored_size: tuple[int, int]  # width, height
+    orientation: int = 1  # of EXIF, 1 to 8; 1: the stored pixels are upright
+    has_alpha: bool = False
+    is_deep: bool = False  # integers of 16 bits
+
+    def size(self, upright: bool = True) -> tuple[int, int]:
+        """(width, height) in pixels, upright or as stored."""
+        turned = upright and self.orientation in TRANSPOSED
+        width, height = self.stored_size
+        return (height, width) if turned else (width, height)
+
+
 def is_image(path: Path) -> bool:
     """Whether the name ends like an image this module reads (RAW does not)."""
     return path.suffix.lower() in EXTENSIONS
 
 
-def is_turned(path: Path) -> bool:
-    """Whether the EXIF orientation says that the stored pixels are not upright.
+def read_header(path: Path) -> Header:
+    """What the file says of its picture, which is not decoded.
 
     Raises:
         UserError: as ``read_srgb``, as far as the header tells.
     """
     _check_kind(path)
     if heif.is_heif(path):
-        return False
+        size, has_alpha = heif.read_header(path)
+        return Header(size, has_alpha=has_alpha)
     with _open(path) as file:
-        return _orientation(path, file.spec()) != 1
+        spec = file.spec()
+    return Header(
+        (spec.width, spec.height),
+        _orientation(path, spec),
+        has_alpha=_alpha_channel(spec) >= 0,
+        is_deep=str(spec.format) == "uint16",
+    )
 
 
 def read_srgb(path: Path, upright: bool = True) -> Float[np.ndarray, "height width 3"]:
@@ -115,21 +138,8 @@ def read_values(path: Path) -> Float[np.ndarray, "height width channels"]:
     return pixels[..., : 1 if pixels.shape[-1] < 3 else 3]
 
 
-def has_alpha(path: Path) -> bool:
-    """Whether the file has an alpha channel, from its header alone.
-
-    Raises:
-        UserError: as ``read_srgb``, as far as the header tells.
-    """
-    _check_kind(path)
-    if heif.is_heif(path):
-        return heif.has_alpha(path)
-    with _open(path) as file:
-        return _alpha_channel(file.spec()) >= 0
-
-
 def read_alpha(path: Path, upright: bool = True) -> Float[np.ndarray, "height width"]:
-    """The last channel of a file that ``has_alpha``: 1 is opaque.
+    """The last channel of a file whose ``Header.has_alpha``: 1 is opaque.
 
     Raises:
         UserError: as ``read_srgb``.
@@ -139,31 +149,12 @@ def read_alpha(path: Path, upright: bool = True) -> Float[np.ndarray, "height wi
 
 
 def read_size(path: Path, upright: bool = True) -> tuple[int, int]:
-    """(width, height), upright or as stored, from the file's header alone.
+    """``Header.size`` of a file.
 
     Raises:
-        UserError: as ``read_srgb``, as far as the header tells.
+        UserError: as ``read_header``.
     """
-    _check_kind(path)
-    if heif.is_heif(path):
-        return heif.read_size(path)
-    with _open(path) as file:
-        spec = file.spec()
-    turned = upright and _orientation(path, spec) in TRANSPOSED
-    return (spec.height, spec.width) if turned else (spec.width, spec.height)
-
-
-def is_deep(path: Path) -> bool:
-    """Whether the file stores integers of 16 bits.
-
-    Raises:
-        UserError: as ``read_srgb``, as far as the header tells.
-    """
-    _check_kind(path)
-    if heif.is_heif(path):
-        return False
-    with _open(path) as file:
-        return str(file.spec().format) == "uint16"
+    return read_header(path).size(upright)
 
 
 def read_exif(path: Path) -> Exif:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from internal import poses, progress
+from internal import poses
 from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
@@ -24,19 +24,18 @@ from internal.prepare.depths import find_points
 from internal.prepare.matching import Copy, Pairs
 from internal.prepare.report import Report, write_report
 from internal.prepare.scene_files import HOLDOUT
+from internal.prepare.statistics import PhotoStatistics
 from internal.prepare.summary import Findings, summarize, train_command
 from internal.scene import colmap, exposures, readers
 from internal.scene.exposures import Sighted
+from internal.scene.gains import measured_exposures
 from internal.scene.loading import (
-    check_lenses,
-    check_poses,
-    check_sides,
     find_truth,
     fit_lenses,
     held_out,
-    measured_exposures,
 )
 from internal.scene.plausible import cloud_fault
+from internal.scene.pose_checks import check_lenses, check_poses, check_sides
 from internal.scene.readers.base import POINTS_OF_MODEL, SceneFiles
 
 NEIGHBOURS = 3  # that each view is matched with
@@ -58,12 +57,8 @@ def check_scene(data_dir: Path, folder: Path) -> Report:
     check_sides(files)
     truth = find_truth(files, data_dir, "", held_out(files, HOLDOUT))
     count = len(files.names)
-    photos = [
-        statistics.measure_photo(image_io.read_srgb(path, files.upright))
-        for path in progress.track(files.image_paths, count, "reading photos", "photo")
-    ]
     copies = [_copy(lens) for lens in lenses]
-    pixels, relative = _compare_neighbours(files, copies)
+    photos, pixels, relative = _compare_neighbours(files, copies)
     small = [
         colmap.scale_lens(e, c.width, c.height)
         for e, c in zip(lenses, copies, strict=True)
@@ -77,7 +72,7 @@ def check_scene(data_dir: Path, folder: Path) -> Report:
         error_kind="median epipolar error",
         misplaced=tuple(files.names[view] for view in wrong),
         sharpness=dict(zip(files.names, relative.tolist(), strict=True)),
-        exposures=measured_exposures(data_dir, files, np.ones(count, bool))
+        exposures=measured_exposures(data_dir, files, np.ones(count, bool), [data_dir])
         or exposures.measure_gains(
             _sighted(copies, pixels),
             lambda view: image_io.read_srgb(files.image_paths[view], files.upright),
@@ -209,31 +204,29 @@ def _with_points(files: SceneFiles) -> SceneFiles:
 
 def _compare_neighbours(
     files: SceneFiles, copies: list[Copy]
-) -> tuple[PixelPairs, Float[np.ndarray, " n"]]:
-    """Matches of neighbouring views, and each photo's sharpness against those."""
+) -> tuple[list[PhotoStatistics], PixelPairs, Float[np.ndarray, " n"]]:
+    """What each photo holds, matches of neighbouring views, and each photo's sharpness
+    against those; decodes each photo once. Shows progress."""
+    photos = []
+
+    def read(view: int) -> Float[np.ndarray, "_height _width 3"]:
+        srgb = image_io.read_srgb(files.image_paths[view], files.upright)
+        photos.append(statistics.measure_photo(srgb))
+        return srgb
+
     with scratch_folder() as work:
-        pixels = _match_neighbours(files, copies, work)
+        way = attempts.WAYS[0]
+        attempts.make_copies(way.recipe, len(copies), read, work)
+        database = work / "database.db"
+        matching.extract_features(database, work, copies, way.peak_threshold)
+        matching.match(database, neighbours(files.camtoworlds))
+        pixels = matching.matched_pixels(database)
         relative = sharpness.against_overlapping(
             lambda v: image_io.read_srgb(work / matching.copy_name(v))[..., 0],
             len(copies),
             pixels,
         )
-    return pixels, relative
-
-
-def _match_neighbours(files: SceneFiles, copies: list[Copy], work: Path) -> PixelPairs:
-    """Matches of neighbouring views in brightened copies; shows progress."""
-    way = attempts.WAYS[0]
-    attempts.make_copies(
-        way.recipe,
-        len(copies),
-        lambda view: image_io.read_srgb(files.image_paths[view], files.upright),
-        work,
-    )
-    database = work / "database.db"
-    matching.extract_features(database, work, copies, way.peak_threshold)
-    matching.match(database, neighbours(files.camtoworlds))
-    return matching.matched_pixels(database)
+    return photos, pixels, relative
 
 
 def _sighted(copies: list[Copy], pixels: PixelPairs) -> dict[int, Sighted]:

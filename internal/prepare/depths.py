@@ -6,19 +6,17 @@ They take a minute or more, so they are kept in a file beside the scene, or in t
 folder where that cannot be written; it holds for these photos, poses and lenses alone.
 """
 
-import contextlib
 import functools
 import hashlib
 import json
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from internal.errors import UserError, one_line
-from internal.files import atomic, image_io
+from internal.errors import UserError
+from internal.files import image_io, kept
 from internal.files.scratch import scratch_folder
 from internal.prepare import attempts, mapping, matching
 from internal.prepare.brighten import copy_size
@@ -48,24 +46,18 @@ def find_points(
             the poses.
     """
     key = _key(files, views)
-    for path in (folder / POINTS_FILE for folder in folders):
-        points = _read(path, key)
-        if points is not None:
-            print(f"depth: {len(points)} points of the photos, kept in {path}")
-            return points
+    before = kept.find(POINTS_FILE, key, folders)
+    if before:
+        path, arrays = before
+        print(f"depth: {len(arrays['points'])} points of the photos, kept in {path}")
+        return arrays["points"]
     print(
         f"depth: {files.pose_paths[0].name} states none and has no points: looking for "
         "points in the photos, with its poses",
         flush=True,
     )
     points = _triangulated(files, views)
-    for folder in folders:
-        with contextlib.suppress(UserError, OSError):
-            atomic.ensure_folder(folder)
-            with atomic.writing(folder / POINTS_FILE) as partial:
-                np.savez(partial, key=np.array(key), points=points)
-            print(f"  kept in {folder / POINTS_FILE}", flush=True)
-            break
+    kept.keep(POINTS_FILE, key, folders, {"points": points})
     return points
 
 
@@ -153,17 +145,3 @@ def _key(files: SceneFiles, views: Sequence[int]) -> str:
         digest.update(json.dumps(lens_and_pose).encode())
         digest.update(files.image_paths[view].read_bytes())
     return digest.hexdigest()
-
-
-def _read(path: Path, key: str) -> Float[np.ndarray, "m 3"] | None:
-    """The points kept in a file, if they are of this key."""
-    try:
-        # Opened here: of a torn archive NumPy leaves the file open.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
-            if str(kept["key"]) != key:
-                return None
-            return np.asarray(kept["points"], np.float64).reshape(-1, 3)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        if path.exists():
-            print(f"{path}: not used ({one_line(error)})")
-        return None

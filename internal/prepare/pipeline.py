@@ -45,7 +45,7 @@ from internal.prepare.summary import (
 )
 from internal.prepare.video_frames import extract_frames
 from internal.scene import colmap, exposures, readers
-from internal.scene.loading import GAINS_FILE
+from internal.scene.gains import GAINS_FILE
 from internal.scene.masks import is_of_shape
 from internal.scene.pairing import pair_by_name
 

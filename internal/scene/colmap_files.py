@@ -88,6 +88,23 @@ def read_stored(folder: Path) -> StoredModel:
         UserError: a file is missing, cut short or corrupt, or the files contradict
             each other.
     """
+    cameras, images = read_views(folder)
+    path = folder / f"points3D{model_ending(folder)}"
+    points = _read(path, _point_bin, _point_txt)
+    rows = np.array(points, np.float64).reshape(-1, 7)
+    if not np.isfinite(rows[:, :3]).all():
+        raise _unreadable(path, "a point is not finite")
+    return StoredModel(
+        cameras, images, rows[:, :3], rows[:, 3:6].astype(np.uint8), rows[:, 6]
+    )
+
+
+def read_views(folder: Path) -> tuple[dict[int, Lens], tuple[Image, ...]]:
+    """Cameras by number and the registered images of a model, without its points.
+
+    Raises:
+        UserError: as ``read_stored``.
+    """
     ending = model_ending(folder)
     if not ending:
         raise UserError(
@@ -102,19 +119,13 @@ def read_stored(folder: Path) -> StoredModel:
     lenses = _read(folder / f"cameras{ending}", _camera_bin, _camera_txt)
     cameras = dict(lenses)
     images = read_images(folder)
-    points = _read(folder / f"points3D{ending}", _point_bin, _point_txt)
     if len(cameras) < len(lenses):
         raise _unreadable(folder / f"cameras{ending}", "two cameras have one number")
     for image in images:
         if image.camera not in cameras:
             reason = f"{image.name}: there is no camera {image.camera}"
             raise _unreadable(folder / f"images{ending}", reason)
-    rows = np.array(points, np.float64).reshape(-1, 7)
-    if not np.isfinite(rows[:, :3]).all():
-        raise _unreadable(folder / f"points3D{ending}", "a point is not finite")
-    return StoredModel(
-        cameras, images, rows[:, :3], rows[:, 3:6].astype(np.uint8), rows[:, 6]
-    )
+    return cameras, images
 
 
 def read_images(folder: Path) -> tuple[Image, ...]:

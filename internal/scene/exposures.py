@@ -67,12 +67,12 @@ def find_sighted(data_dir: Path, names: Sequence[str]) -> dict[int, Sighted]:
     folder = colmap.find_model(data_dir)
     if folder is None:
         return {}
-    model = colmap_files.read_stored(folder)
-    images = {image.name: image for image in model.images}
+    cameras, stored_images = colmap_files.read_views(folder)
+    images = {image.name: image for image in stored_images}
     found: dict[int, Sighted] = {}
     for name, stored in match_by_name(names, tuple(images)).items():
         image = images[stored]
-        lens = model.cameras[image.camera]
+        lens = cameras[image.camera]
         places = image.pixels / (lens.width, lens.height)
         inside = ((places >= 0.0) & (places < 1.0)).all(axis=-1)
         if inside.any():

@@ -1,43 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What ``scene.load_scene`` does to files: checks, lens sizes, split, pictures, truth.
+"""What ``scene.load_scene`` takes from files: lens sizes, split, pictures, truth.
 
 Pictures are read as float sRGB in [0, 1] and returned as uint16, 65535 being 1.0.
 """
 
 import dataclasses
-import functools
-import json
-import math
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt16
 
-from internal import color, poses
+from internal import color
 from internal.cameras import Lens
 from internal.errors import UserError
 from internal.files import image_io
 from internal.files.listing import list_pictures, say_once
-from internal.scene import colmap, exposures
-from internal.scene.config import SceneConfig
-from internal.scene.extent import Bounds
+from internal.scene import colmap
 from internal.scene.masks import Mask, blackened, is_of_shape
 from internal.scene.pairing import find_truth_folder, pair_truth, some
 from internal.scene.readers.base import SceneFiles
 from internal.scene.unround import is_rounded, unround
 
-ROTATION_TOLERANCE = 1e-2  # hand-written JSON drifts; a mirror or a scale does not pass
-SAME_PLACE = 1e-6  # of the coordinates; single precision holds no less
-ALIKE = 0.05  # of a picture's sides
-FAR_FROM_MIDDLE = 0.15  # likewise: farther in both axes alike is another size
-STRAY = 100.0  # times the distance of half of the cameras
-GAINS_FILE = "exposures.json"  # written by prepare.py
 BRIGHTER = 4.0  # times the light of dark photos: exposures of one series differ less
 LOOKED_AT = 3  # photos of each
-FEWEST_POINTS = 8  # that tell where things are
-MOSTLY = 0.9  # of the cameras
 LEAST_LIGHT = 1e-4  # for the ratio that is printed
 
 
@@ -48,140 +33,6 @@ class Truth:
     paths: dict[int, Path]
     reason: str  # for messages
     is_alone: bool = False  # the test views have no dark photos, these instead
-
-
-def check_poses(files: SceneFiles) -> None:
-    """Refuses poses that are not finite, rotated axes and a centre.
-
-    Raises:
-        UserError: naming the first bad pose's file and view.
-    """
-    errors = poses.rotation_errors(files.camtoworlds)
-    bad = np.flatnonzero(errors > ROTATION_TOLERANCE)
-    if len(bad) == 0:
-        return
-    first = int(bad[0])
-    finite = np.isfinite(files.camtoworlds[first]).all()
-    fault = "its axes are not a rotation" if finite else "it is not finite"
-    raise UserError(
-        f"{files.pose_paths[first]}: bad pose of {files.names[first]} ({fault}), "
-        f"{len(bad)} of {len(errors)} are bad; expected unit right, up and backward "
-        "axes and a centre: estimate the poses again or remove these views"
-    )
-
-
-def warn_of_one_place(files: SceneFiles, bounds: Bounds) -> None:
-    """Says so if all photos were taken from one place: depth is then unknown. Far from
-    the origin, as in maps, the depth that is known tells whether it is one."""
-    centres = files.camtoworlds[:, :, 3]
-    apart = np.linalg.norm(centres - centres.mean(axis=0), axis=-1).max()
-    is_apart = apart > 0.0 and not bounds.guessed and apart > SAME_PLACE * bounds.far
-    if not is_apart and apart <= SAME_PLACE * np.abs(centres).max(initial=0.0):
-        say_once(
-            f"WARNING: {files.pose_paths[0]}: all {len(centres)} cameras stand at one "
-            "place, so nothing tells how far things are: take photos a step apart"
-        )
-
-
-def warn_of_strays(files: SceneFiles) -> None:
-    """Names cameras so far from all others that their poses are a mistake: the scene
-    is scaled to hold them, and the others come to stand at one place in it."""
-    centres = files.camtoworlds[:, :, 3]
-    apart = np.abs(centres - np.median(centres, axis=0)).max(axis=-1)
-    strays = np.flatnonzero(apart > STRAY * np.median(apart)) if apart.any() else []
-    names = [files.names[view] for view in strays]
-    if names and np.median(apart) > 0.0:
-        say_once(
-            f"WARNING: {files.pose_paths[strays[0]]}: {some(names)}: more than "
-            f"{STRAY:g} times as far from the middle of the cameras as half of them; "
-            "if these poses are a mistake, remove their views"
-        )
-
-
-def warn_of_leaks(files: SceneFiles, is_test: Bool[np.ndarray, " n"]) -> None:
-    """Names test views that were taken from the very pose of a training view: copies
-    of its photo, of which scores tell nothing."""
-    trained = {pose.tobytes() for pose in files.camtoworlds[~is_test]}
-    leaks = [
-        files.names[view]
-        for view in np.flatnonzero(is_test)
-        if files.camtoworlds[view].tobytes() in trained
-    ]
-    if leaks:
-        say_once(
-            f"WARNING: {files.pose_paths[0]}: {len(leaks)} of {is_test.sum()} test "
-            f"views have the very pose of a training view: {some(leaks)}; scores of "
-            "copies of training photos tell nothing"
-        )
-
-
-def check_lenses(files: SceneFiles) -> None:
-    """Refuses lenses that COLMAP's models do not describe, or not in pixels.
-
-    Raises:
-        UserError: naming the first bad lens's file and view.
-    """
-    first_view = {lens: i for i, lens in reversed(list(enumerate(files.lenses)))}
-    for lens, view in first_view.items():
-        where = f"{files.pose_paths[view]}: {files.names[view]}"
-        try:
-            is_panorama = colmap.half_angle(lens) == math.pi
-        except UserError as error:
-            raise UserError(f"{where}: {error}") from error
-        if not is_panorama:
-            _check_pixels(colmap.pinhole(lens), where)
-
-
-def _check_pixels(pinhole: Lens, where: str) -> None:
-    """Refuses a focal length and a principal point that are in no pixels; warns of
-    those that are in the pixels of a picture of another size."""
-    fx, fy, cx, cy = pinhole.params
-    size = pinhole.width, pinhole.height
-    stated = f"{where}: focal length {fx:g}, {fy:g} and principal point {cx:g}, {cy:g}"
-    across, down = cx / size[0], cy / size[1]
-    if (
-        min(fx / size[0], fy / size[1]) < colmap.SHORTEST
-        or not 0.0 < min(across, down) <= max(across, down) < 1.0
-    ):
-        raise UserError(
-            f"{stated} of {size[0]}x{size[1]} pixels; expected pixels, and a principal "
-            "point inside the picture"
-        )
-    if abs(across - down) < ALIKE and abs(across - 0.5) > FAR_FROM_MIDDLE:
-        say_once(
-            f"WARNING: {stated} are those of {2 * cx:.0f}x{2 * cy:.0f} pixels rather "
-            f"than of {size[0]}x{size[1]}: expected pixels of the stated size"
-        )
-    on_its_side = cx / size[1] - 0.5, cy / size[0] - 0.5
-    off = max(abs(across - 0.5), abs(down - 0.5))
-    if max(map(abs, on_its_side)) < ALIKE and off > FAR_FROM_MIDDLE:
-        say_once(
-            f"WARNING: {stated} are those of a picture that was turned, "
-            f"{size[1]}x{size[0]}, rather than of {size[0]}x{size[1]}: expected the "
-            "pixels of the photo as it is"
-        )
-
-
-def check_sides(files: SceneFiles) -> None:
-    """Refuses poses under which all points lie behind nearly all cameras.
-
-    Raises:
-        UserError: axes or matrices are of another custom than the format's.
-    """
-    if len(files.points) < FEWEST_POINTS:
-        return
-    views = [view for view, lens in enumerate(files.lenses) if colmap.has_depth(lens)]
-    looks = [
-        ((files.points - pose[:, 3]) @ -pose[:, 2] > 0.0).any()
-        for pose in files.camtoworlds[views]
-    ]
-    away = len(looks) - int(np.sum(looks))
-    if away > MOSTLY * len(looks):
-        raise UserError(
-            f"{files.pose_paths[0]}: {files.points_source} lie behind {away} of "
-            f"{len(looks)} cameras; expected OpenGL poses (camera to world; x right, y "
-            "up, z backwards): from OpenCV's, negate the second and third column"
-        )
 
 
 def fit_lenses(files: SceneFiles, factor: int) -> tuple[Lens, ...]:
@@ -197,7 +48,7 @@ def fit_lenses(files: SceneFiles, factor: int) -> tuple[Lens, ...]:
         width, height = image_io.read_size(path, files.upright)
         if not _has_shape(width, height, lens):
             turned = " as stored" * (not files.upright)
-            if files.upright and image_io.is_turned(path):
+            if files.upright and image_io.read_header(path).orientation != 1:
                 turned = " turned by EXIF orientation"
             raise UserError(
                 f"{path}: {width}x{height} pixels{turned}, but its lens is stated for "
@@ -288,107 +139,6 @@ def load_picture(
     if unrounded and is_rounded(srgb):
         shrunk = unround(shrunk)
     return color.to_uint16(shrunk)
-
-
-def find_gains(
-    config: SceneConfig, files: SceneFiles, has_photo: Bool[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, "n 3"], str]:
-    """Linear light of each photo over the scene's, and where that is known from: the
-    scene's file, else the points that its COLMAP model says photos share; ones and ""
-    where neither is there.
-
-    Raises:
-        UserError: as ``load_gains``.
-    """
-    data_dir = Path(config.data_dir)
-    gains = np.ones((len(files.names), 3), np.float32)
-    if not config.photo_gains:
-        return gains, ""
-    if (data_dir / GAINS_FILE).is_file() and not config.images_dir:
-        paths = [files.image_paths[view] for view in np.flatnonzero(has_photo)]
-        gains[has_photo] = load_gains(data_dir, paths)
-        return gains, GAINS_FILE
-    found = measured_exposures(data_dir, files, has_photo)
-    if found is None:
-        return gains, ""
-    return found.gains.astype(np.float32), "measured at points that photos share"
-
-
-def measured_exposures(
-    data_dir: Path, files: SceneFiles, has_photo: Bool[np.ndarray, " n"]
-) -> exposures.Exposures | None:
-    """Exposures of the photos at points that the scene's COLMAP model says they share;
-    None where it says nothing. Shows progress the first time."""
-    photos = tuple(
-        (view, path, path.stat().st_mtime_ns)
-        for view, path in enumerate(files.image_paths)
-        if has_photo[view]
-    )
-    return _measured(data_dir, files.names, photos)
-
-
-@functools.lru_cache(maxsize=1)  # scripts load both splits of a scene
-def _measured(
-    data_dir: Path, names: tuple[str, ...], photos: tuple[tuple[int, Path, int], ...]
-) -> exposures.Exposures | None:
-    """``measured_exposures``, once as long as nothing changes.
-
-    Args:
-        photos: view, file and time of change of each photo.
-    """
-    try:
-        sighted = exposures.find_sighted(data_dir, names)
-    except UserError as error:  # a model beside other poses
-        say_once(f"WARNING: {error}; photos are taken as equally exposed")
-        return None
-    paths = {view: path for view, path, _ in photos if view in sighted}
-    if not paths:
-        return None
-
-    def read(view: int) -> Float[np.ndarray, "_height _width 3"]:
-        try:
-            return image_io.read_srgb(paths[view], upright=False)
-        except UserError:  # said where the photo is used
-            return np.zeros((1, 1, 3), np.float32)
-
-    seen = {view: sighted[view] for view in paths}
-    return exposures.measure_gains(seen, read, len(names))
-
-
-def load_gains(data_dir: Path, image_paths: Sequence[Path]) -> Float[np.ndarray, "n 3"]:
-    """Linear light of each photo over the scene's, from the scene's file.
-
-    The file names a photo by its path inside the folder of photos.
-
-    Raises:
-        UserError: the file cannot be read, or a photo's gain is missing or senseless.
-    """
-    path = data_dir / GAINS_FILE
-    try:
-        stored = json.loads(path.read_text())["gains"]
-        gains = np.array([_own_gain(stored, path) for path in image_paths], np.float32)
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise UserError(
-            f"{path}: no gain for every photo ({error!r}); run prepare.py again, "
-            "delete the file, or set Config.photo_gains = False"
-        ) from error
-    if gains.shape != (len(image_paths), 3) or not np.all(
-        (gains > 0) & (gains < np.inf)
-    ):
-        raise UserError(
-            f"{path}: expected three positive numbers per photo; run prepare.py again, "
-            "delete the file, or set Config.photo_gains = False"
-        )
-    return gains
-
-
-def _own_gain(stored: Mapping[str, Any], photo: Path) -> Any:
-    """The gain under the longest end of a photo's path that has one."""
-    parts = photo.parts[1:] if photo.is_absolute() else photo.parts
-    for start in range(len(parts)):
-        if (end := "/".join(parts[start:])) in stored:
-            return stored[end]
-    raise KeyError(photo.name)
 
 
 def load_truth(

@@ -80,7 +80,7 @@ def read_mask(files: SceneFiles, view: int) -> Mask:
 def opaque(files: SceneFiles, view: int) -> Mask:
     """Which pixels of a view's photo are not masked by its own alpha."""
     photo = files.image_paths[view]
-    if files.transparent_is_black or not image_io.has_alpha(photo):
+    if files.transparent_is_black or not image_io.read_header(photo).has_alpha:
         return ALL
     return image_io.read_alpha(photo, files.upright) > OPAQUE
 

@@ -3,7 +3,7 @@
 
 Readers (``internal/scene/readers``) turn a folder into ``SceneFiles`` and share nothing
 but that structure; ``load_scene`` turns ``SceneFiles`` into a ``Scene``, by the
-steps of ``loading.py`` and ``extent.py``.
+steps of ``loading``, ``extent`` and ``gains``.
 Pictures are kept as uint16 sRGB (65535 is 1.0): 8-bit levels are exact in it and
 an area average keeps the precision it gained.
 """
@@ -34,26 +34,28 @@ from internal.scene.extent import (
     find_bounds,
     known_bounds,
 )
+from internal.scene.gains import find_gains
 from internal.scene.identity import Identity, identify
 from internal.scene.loading import (
     Truth,
-    check_lenses,
-    check_poses,
-    check_sides,
-    find_gains,
     find_truth,
     fit_lenses,
     held_out,
     load_picture,
     load_truth,
-    warn_of_leaks,
-    warn_of_one_place,
-    warn_of_strays,
 )
 from internal.scene.masks import Mask, everything, load_masks, masked_share, report
 from internal.scene.noise import Noise, noise_of_files
 from internal.scene.pairing import some
 from internal.scene.plausible import check_depths, warn_of_other_frame
+from internal.scene.pose_checks import (
+    check_lenses,
+    check_poses,
+    check_sides,
+    warn_of_leaks,
+    warn_of_one_place,
+    warn_of_strays,
+)
 from internal.scene.readers.base import SceneFiles
 
 # LOM's dark pictures average 0.05 to 0.1 in sRGB, their normal-light twins 0.5.
@@ -61,7 +63,9 @@ BRIGHT_MEAN = 0.35
 FEW_BITS, FULL_BITS = (8, 10, 12), 14  # of cameras, in files of 16
 EVERY = 8  # row and column of a photo are compared: no two shots have equal noise
 SPLITS = ("train", "test")
-FindPoints = Callable[[SceneFiles, Sequence[int]], Float[np.ndarray, "m 3"]]
+FindPoints = Callable[
+    [SceneFiles, Sequence[int], Sequence[Path]], Float[np.ndarray, "m 3"]
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,7 +157,10 @@ class _Layout:
 
 
 def load_scene(
-    config: SceneConfig, split: str, find_points: FindPoints | None = None
+    config: SceneConfig,
+    split: str,
+    find_points: FindPoints | None = None,
+    folders: Sequence[Path] = (),
 ) -> Scene:
     """Loads one split of a scene and prints what was found and how.
 
@@ -164,13 +171,14 @@ def load_scene(
         split: "train" or "test".
         find_points: asked for points, from the views that are trained on, where
             nothing else says how deep the scene is.
+        folders: where points and exposures that were found may be kept, best first.
 
     Raises:
         UserError: anything about the input that the user has to fix.
     """
     if split not in SPLITS:
         raise UserError(f"unknown split {split!r}; choose {' or '.join(SPLITS)}")
-    layout = _lay_out(config, find_points, needs_truth=split == "test")
+    layout = _lay_out(config, find_points, folders, needs_truth=split == "test")
     views = np.flatnonzero(layout.is_test == (split == "test")).tolist()
     if not views:
         raise UserError(f"{config.data_dir}: no test views; set Config.holdout above 0")
@@ -191,7 +199,11 @@ def load_scene(
 
 
 def _lay_out(
-    config: SceneConfig, find_points: FindPoints | None, *, needs_truth: bool
+    config: SceneConfig,
+    find_points: FindPoints | None,
+    folders: Sequence[Path],
+    *,
+    needs_truth: bool,
 ) -> _Layout:
     """Reads the scene's files and decides split, frame and bounds."""
     data_dir = Path(config.data_dir)
@@ -212,13 +224,13 @@ def _lay_out(
             f"{data_dir}: {trained} training views of {len(is_test)}; expected at "
             "least 2: add photos, or hold out fewer for testing (Config.holdout)"
         )
-    files, bounds = _bound(config, files, lenses, ~is_test, find_points)
+    files, bounds = _bound(config, files, lenses, ~is_test, find_points, folders)
     warn_of_one_place(files, bounds)
     check_depths(files, lenses, bounds, ~is_test)
     frame = choose_frame(files, lenses, bounds, config.projection, config.end_at_far)
     truth = _find_truth(files, data_dir, config.gt_dir, is_test, needed=needs_truth)
     has_photo = ~is_test if truth.is_alone else np.ones_like(is_test)
-    gains, gains_source = find_gains(config, files, has_photo)
+    gains, gains_source = find_gains(config, files, has_photo, folders)
     masks = load_masks(files, lenses, is_test)
     return _Layout(
         files,
@@ -240,13 +252,14 @@ def _bound(
     lenses: tuple[Lens, ...],
     is_train: Bool[np.ndarray, " n"],
     find_points: FindPoints | None,
+    folders: Sequence[Path],
 ) -> tuple[SceneFiles, Bounds]:
     """Near and far, and the files with the points that were found if nothing else told
     them."""
     is_given = bool(config.near and config.far)
     known = None if is_given else known_bounds(files, lenses, is_train)
     if find_points and not (is_given or known):
-        points = find_points(files, np.flatnonzero(is_train).tolist())
+        points = find_points(files, np.flatnonzero(is_train).tolist(), folders)
         files = dataclasses.replace(
             files, points=points, points_source="points found in the photos"
         )
@@ -390,7 +403,8 @@ def _warn_of_dark_truth(scene: Scene) -> None:
 def _warn_of_few_bits(scene: Scene) -> None:
     """Says so if no value of files of 16 bits is above what fewer bits hold: cameras of
     10, 12 and 14 bits leave the upper ones empty, and photos are then dark by it."""
-    if not scene.images or not all(map(image_io.is_deep, scene.image_paths)):
+    headers = map(image_io.read_header, scene.image_paths)
+    if not scene.images or not all(header.is_deep for header in headers):
         return
     top = max(int(np.max(image)) for image in scene.images)
     bits = next((bits for bits in FEW_BITS if top < 1 << bits), 0)

@@ -73,6 +73,11 @@ def initial_state(config: Config, model: Model) -> TrainState:
     return TrainState(jnp.zeros((), jnp.int32), params, optimizer.init(params))
 
 
+def data_eps(config: LossConfig, brightness: float) -> float:
+    """epsilon_2 of the data term (LLNeRF Sec. 4.3) for photos of a mean in sRGB."""
+    return config.data_eps + config.data_eps_of_mean * brightness
+
+
 def field_terms(
     config: LossConfig,
     levels: Levels,
@@ -235,8 +240,7 @@ def make_train_step(
     """
     train = config.train
     optimizer = make_optimizer(config.optimizer, train)
-    data_eps = config.losses.data_eps + config.losses.data_eps_of_mean * brightness
-    teacher = Teacher(config, model, data_eps, observe)
+    teacher = Teacher(config, model, data_eps(config.losses, brightness), observe)
     neighbors = neighbors_of(config)
 
     def train_step(

@@ -163,14 +163,15 @@ def _means_upright(
     taken as meant and said."""
     told, untold = False, []
     for path, lens, frame in zip(paths, lenses, frames, strict=True):
-        turned, stored = image_io.read_size(path), image_io.read_size(path, False)
+        header = image_io.read_header(path)
+        turned, stored = header.size(), header.stored_size
         is_wide = lens.width > lens.height
         if turned != stored and is_wide == (stored[0] > stored[1]):
             print(f"  {path}: taken as stored, without its EXIF turn, as its size says")
             return False
         if turned != stored and {"w", "h"} <= frame.values.keys():
             told = True
-        elif image_io.is_turned(path):
+        elif header.orientation != 1:
             untold.append(path)
     if untold and not told:
         say_once(
