@@ -171,6 +171,25 @@ def test_each_step_draws_samples_of_its_own_even_of_the_same_pixels(
     assert seen[0] == seen[2] != seen[1]
 
 
+def test_distortion_has_grown_by_as_much_as_is_done_of_the_training(
+    tiny_config, tiny_cameras, tiny_images, ndc
+):
+    mesh, model = parallel.data_mesh(8, jax.devices()[:1]), Model(tiny_config.model)
+    ones = np.ones((3, 3), np.float32)
+    source = sampler.resident_pixels(tiny_images, ones, sampler.Chances())
+    train = dataclasses.replace(tiny_config.train, max_steps=200)
+    state = training.initial_state(tiny_config, model)
+    state = dataclasses.replace(state, step=jnp.int32(100))
+
+    def distortion(growth):
+        losses = dataclasses.replace(tiny_config.losses, distortion_growth=growth)
+        config = dataclasses.replace(tiny_config, train=train, losses=losses)
+        step = jax.jit(training.make_train_step(config, model, mesh, 0.1))
+        return float(step(state, tiny_cameras, ndc, source)[1].terms["distortion"])
+
+    assert distortion(9.0) == pytest.approx(3.0 * distortion(1.0), rel=1e-5)
+
+
 def test_finite_steps_pass_the_check(tiny_run):
     run, state = tiny_run
     _, stats = run(state, 1)
