@@ -266,14 +266,6 @@ def test_photos_without_overlap_are_refused(tmp_path, only_first_way):
         prepare(inputs(folder), tmp_path / "scene", overwrite=False)
 
 
-def test_white_photos_are_left_out_with_what_to_do(tmp_path):
-    folder = tmp_path / "photos"
-    write_room(folder, 2)
-    image_io.write(folder / "white.png", flat_picture(255.0))
-    with pytest.raises(UserError, match=r"2 usable .*white\.png: white.* shorter"):
-        prepare(inputs(folder), tmp_path / "scene", overwrite=False)
-
-
 def test_black_photos_are_refused(tmp_path):
     for level in range(3):
         image_io.write(tmp_path / f"{level}.png", flat_picture(float(level)))
@@ -281,11 +273,19 @@ def test_black_photos_are_refused(tmp_path):
         prepare(inputs(tmp_path), tmp_path.parent / "scene", overwrite=False)
 
 
-def test_too_few_usable_photos_are_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("level", "message"),
+    [
+        (0.0, r"2 usable photos of 3.*empty\.png: black"),
+        (255.0, r"2 usable .*empty\.png: white.* shorter"),
+    ],
+    ids=["black", "white"],
+)
+def test_too_few_usable_photos_are_refused(level, message, tmp_path):
     folder = tmp_path / "photos"
     write_room(folder, 2)
-    image_io.write(folder / "black.png", flat_picture(0.0))
-    with pytest.raises(UserError, match=r"2 usable photos of 3.*black\.png: black"):
+    image_io.write(folder / "empty.png", flat_picture(level))
+    with pytest.raises(UserError, match=message):
         prepare(inputs(folder), tmp_path / "scene", overwrite=False)
 
 
